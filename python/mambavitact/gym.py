@@ -90,6 +90,8 @@ class TurnInHandEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     - `proprioception`: float32 (96,) of an Allegro: angles and targets of the last three instants, -1 to 1 over each joint's range
     - `sighted`: float32 (117,) of an Allegro: `proprioception`, then of the same instants the position of the object from the palm's centre
       (tenths of a metre, with the errors and the delay of an estimate) and the force on each pad (N)
+    - `guided`: float32 (165,) of an Allegro: `sighted`, then of the same instants where the gait that suits the object aims, -1 to 1. The action then
+      corrects this gait, by up to 0.2 rad, instead of moving the hand alone
     - `touch_depth`: float32 (4, 320, 240) of an Allegro: true indentation on each pad, millimetres
     - `touch_images`: uint8 (4, 320, 240, 3) of an Allegro: image of each touch sensor
     - `cameras`: uint8 (cameras, 480, 640, 3): colours of each camera

@@ -17,7 +17,7 @@ import mambavitact.gym
 from mambavitact import ArgumentError, Episode
 
 ID = "mambavitact/TurnInHand-v0"
-OBSERVATIONS = ["proprioception", "sighted", "touch_depth", "touch_images", "cameras", "estimate", "privileged"]
+OBSERVATIONS = ["proprioception", "sighted", "guided", "touch_depth", "touch_images", "cameras", "estimate", "privileged"]
 
 
 @pytest.fixture(autouse=True)

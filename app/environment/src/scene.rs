@@ -3,10 +3,11 @@
 use std::sync::{Arc, OnceLock};
 
 use mvt_frames::camera::PosedCamera;
-use mvt_gaits::clock::PHYSICS_HZ;
+use mvt_gaits::clock::{CONTROL_HZ, PHYSICS_HZ};
 use mvt_gaits::gait::{self, Gait};
 use mvt_objects::object::Object;
 use mvt_physics::episode::Randomisation;
+use mvt_policy::PolicyContract;
 use mvt_render::camera::Renderer;
 use mvt_render::observer::{Observer, ObserverOptions};
 use mvt_render::touch::{TouchConfig, TouchOptions};
@@ -55,6 +56,19 @@ impl Default for TurnSettings {
     }
 }
 
+impl TurnSettings {
+    /// Returns whether actions correct the gait that suits the object, instead of moving the hand alone.
+    pub(crate) fn corrects(&self) -> bool {
+        self.senses.contains(&Sense::Guided)
+    }
+
+    /// Returns the contract of the actions.
+    pub(crate) fn contract(&self) -> PolicyContract {
+        let contract = if self.corrects() { PolicyContract::correcting } else { PolicyContract::turning };
+        contract(&self.hand, self.control_hz)
+    }
+}
+
 /// Object, gait and sensors that all environments of a kind share.
 pub struct Scene {
     pub(crate) object: Object,
@@ -96,6 +110,9 @@ impl Scene {
         let has_cameras = senses.iter().any(|sense| sense.needs_cameras());
         check(!has_cameras || !cameras.is_empty(), "the observations cameras and estimate need at least one camera")?;
         let (_, gait) = gait::choose("auto", &object, hand)?;
+        let corrects = settings.corrects();
+        check(!corrects || gait.feedback.is_none(), "gaits that hold an object in the air are not corrected")?;
+        check(!corrects || *control_hz == CONTROL_HZ, "with guided, control_hz must be 25, as that of the gait")?;
         let observer = senses.iter().any(|sense| sense.needs_images()).then(|| {
             let options = ObserverOptions {
                 hand: Arc::clone(hand),

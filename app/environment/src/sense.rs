@@ -31,6 +31,9 @@ pub enum Sense {
     /// The same, then of the same instants the object's position from the palm's centre (in tenths of a metre) as an estimate would tell it,
     /// with its errors and delay, and the normal force on each pad (N): [`PolicyContract::sighted`]. Zeros before a position was seen.
     Sighted,
+    /// The same, then of the same instants the joint angles at which the gait that suits the object aims, from -1 to 1. Actions correct this gait, by
+    /// up to 0.2 rad, instead of moving the hand alone: [`PolicyContract::correcting`].
+    Guided,
     /// True indentation of each touch sensor, millimetres: pads x height x width.
     TouchDepth,
     /// Image of each touch sensor: pads x height x width x 3.
@@ -49,9 +52,10 @@ pub enum Sense {
 
 impl Sense {
     /// All of them.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Proprioception,
         Self::Sighted,
+        Self::Guided,
         Self::TouchDepth,
         Self::TouchImages,
         Self::Cameras,
@@ -64,6 +68,7 @@ impl Sense {
         match self {
             Self::Proprioception => "proprioception",
             Self::Sighted => "sighted",
+            Self::Guided => "guided",
             Self::TouchDepth => "touch_depth",
             Self::TouchImages => "touch_images",
             Self::Cameras => "cameras",
@@ -76,7 +81,7 @@ impl Sense {
     pub fn bounds(self) -> [f32; 2] {
         match self {
             Self::Proprioception => [-1.0, 1.0],
-            Self::Sighted => [-STRONGEST_N, STRONGEST_N],
+            Self::Sighted | Self::Guided => [-STRONGEST_N, STRONGEST_N],
             Self::TouchDepth => [0.0, DEEPEST_MM],
             Self::TouchImages | Self::Cameras => [0.0, 255.0],
             Self::Estimate => [-FARTHEST_M, FARTHEST_M],
@@ -90,7 +95,7 @@ impl Sense {
     }
 
     pub(crate) fn needs_images(self) -> bool {
-        !matches!(self, Self::Proprioception | Self::Sighted | Self::Privileged)
+        !matches!(self, Self::Proprioception | Self::Sighted | Self::Guided | Self::Privileged)
     }
 
     /// Returns the contract of the policies that observe it; `None` for what is not made of terms of contracts.
@@ -98,8 +103,14 @@ impl Sense {
         match self {
             Self::Proprioception => Some(PolicyContract::turning(hand, control_hz)),
             Self::Sighted => Some(PolicyContract::sighted(hand, control_hz)),
+            Self::Guided => Some(PolicyContract::correcting(hand, control_hz)),
             _ => None,
         }
+    }
+
+    /// Returns whether the object's place is observed as an estimate would tell it.
+    pub(crate) fn needs_place(self) -> bool {
+        matches!(self, Self::Sighted | Self::Guided)
     }
 
     pub(crate) fn needs_cameras(self) -> bool {
@@ -110,7 +121,7 @@ impl Sense {
         // All touch sensors have the same size.
         let [rows, columns] = hand.pads().first().map_or([0, 0], |pad| pad.profile.shape());
         match self {
-            Self::Proprioception | Self::Sighted => {
+            Self::Proprioception | Self::Sighted | Self::Guided => {
                 let contract = self.contract(hand, CONTROL_HZ);
                 vec![contract.map_or(0, |contract| contract.observation_size(hand))]
             }

@@ -3,11 +3,12 @@
 use std::array::from_fn;
 use std::sync::Arc;
 
+use mvt_gaits::controller::Controller as _;
 use mvt_gaits::directed::DirectedController;
 use mvt_perceive::{Perception, PerceptionConfig, PerceptionSetup, true_press};
 use mvt_physics::air::PlaceErrors;
 use mvt_physics::episode::{End, Episode, EpisodeConfig};
-use mvt_policy::{ActionMap, ObservationMap, PolicyContract, PolicySenses};
+use mvt_policy::{ActionMap, ObservationMap, PolicySenses};
 use mvt_render::camera::{CameraScratch, Renderer};
 use mvt_render::observer::ObserverScratch;
 use mvt_robot::digit::gel::GelView;
@@ -33,6 +34,9 @@ pub(crate) struct Environment {
     seed: u64,
     steps: u32,
     target: JointAngles,
+    /// Plays the gait that actions correct, if they do, and where it aims now.
+    corrected: Option<DirectedController>,
+    gait_targets: JointAngles,
     /// Angles at which the joints aim until the next action arrives, and the integration steps that it takes.
     command: JointAngles,
     delay: u32,
@@ -68,7 +72,7 @@ impl Environment {
         };
         let player = Box::new(DirectedController::new(&config.gait, &config.hand));
         let mut episode = Episode::at_rate(&scene.object, &config, player, settings.physics_hz)?;
-        if settings.senses.contains(&Sense::Sighted) {
+        if settings.senses.iter().any(|sense| sense.needs_place()) {
             episode.rehearse(PlaceErrors::default(), seed);
         }
         let joints = episode.start().joints.clone();
@@ -80,7 +84,6 @@ impl Environment {
             }
             false => None,
         };
-        let contract = PolicyContract::turning(&settings.hand, settings.control_hz);
         let observed = settings.senses.iter().filter_map(|&sense| {
             let contract = sense.contract(&settings.hand, settings.control_hz)?;
             Some((sense, ObservationMap::new(&contract, &settings.hand)))
@@ -88,11 +91,13 @@ impl Environment {
         let torque_limit_nm = scene.gait.torque_limit_nm;
         let mut environment = Self {
             observations: observed.collect(),
-            actions: ActionMap::new(&contract, &settings.hand, torque_limit_nm)?,
+            actions: ActionMap::new(&settings.contract(), &settings.hand, torque_limit_nm)?,
             episode,
             seed,
             steps: 0,
             target: joints.clone(),
+            corrected: settings.corrects().then(|| DirectedController::new(&config.gait, &config.hand)),
+            gait_targets: JointAngles::new(),
             command: joints,
             delay: delay(settings, seed),
             slam,
@@ -109,14 +114,18 @@ impl Environment {
     fn sense(&mut self, action: &[f32]) {
         let sensed = self.episode.proprioception();
         let place = self.episode.rehearsed().map(|place| place.seen());
-        let senses = PolicySenses { sensed: &sensed, targets: &self.target, action, place, touch_mm: &[] };
+        if let Some(gait) = &mut self.corrected {
+            self.gait_targets = gait.command(&sensed);
+        }
+        let (targets, gait_targets) = (&self.target, &self.gait_targets);
+        let senses = PolicySenses { sensed: &sensed, targets, gait_targets, action, place, touch_mm: &[] };
         self.observations.iter_mut().for_each(|(_, map)| map.add(&senses));
     }
 
     /// Moves the targets by an action and simulates until the next one. Does nothing after the end.
     pub(crate) fn step(&mut self, action: &[f32]) -> Reward {
         let settings = self.scene.settings();
-        self.actions.apply(action, &mut self.target);
+        self.actions.apply(action, &self.gait_targets, &mut self.target);
         let command = self.actions.compliant(&self.target, &self.episode.simulation().joints());
         let turned_rad = self.episode.turned_rad();
         self.episode.advance(self.delay, Some(&self.command));
@@ -156,7 +165,7 @@ impl Environment {
         }
         for (&sense, part) in scene.settings().senses.iter().zip(parts) {
             match (sense, &images) {
-                (Sense::Proprioception | Sense::Sighted, _) => {
+                (Sense::Proprioception | Sense::Sighted | Sense::Guided, _) => {
                     let map = self.observations.iter().find(|(of, _)| *of == sense);
                     part.write(sense, map.map(|(_, map)| map.observation()).unwrap_or_default());
                 }

@@ -32,6 +32,7 @@ fn environment_and_run_give_the_same_torques_to_the_bit() {
     let hand = TurnSettings::default().hand;
     compare(Sense::Proprioception, &PolicyContract::turning(&hand, 25));
     compare(Sense::Sighted, &PolicyContract::sighted(&hand, 25));
+    compare(Sense::Guided, &PolicyContract::correcting(&hand, 25));
 }
 
 fn compare(sense: Sense, contract: &PolicyContract) {

@@ -132,6 +132,7 @@ fn contract_in_words(policy: &Policy, hand: &Hand) -> String {
     let kind = match contract.action {
         ActionKind::Absolute => "default_joint_pos + action_scale * action",
         ActionKind::Incremental => "target before + action_scale * action",
+        ActionKind::Correction => "target of the gait that suits the object + action_scale * action",
     };
     lines.push(format!("action          {} numbers: {kind}", joint_names.len()));
     lines.push(format!(

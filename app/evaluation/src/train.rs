@@ -49,6 +49,9 @@ pub struct HandTrainArguments {
     /// minute) and turned (0.5 rad/s) [default: those of --object]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     first: Vec<String>,
+    /// Train corrections of the gait that suits each object, by up to 0.2 rad for each joint, instead of all that the hand does
+    #[arg(long)]
+    correct: bool,
     /// File for the policy, which ends in .safetensors
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -96,7 +99,7 @@ pub(crate) fn run(arguments: &HandTrainArguments) -> Result<()> {
     let state_path = PathBuf::from(state_path);
     names.iter().chain(first).try_for_each(|name| check_trainable(name))?;
     let hand = load_rig(&arguments.rig, arguments.side.map(HandSide::side))?.hand;
-    let settings = training_settings(&hand);
+    let settings = training_settings(&hand, arguments.correct);
     let load = |names: &[String]| names.iter().map(|name| load_object(name)).collect::<Result<Vec<Object>>>();
     let scene = |object| Ok(Arc::new(Scene::new(object, settings.clone())?));
     let scenes = |objects: &[Object]| -> Result<Vec<Arc<Scene>>, TaskError> {
@@ -107,9 +110,13 @@ pub(crate) fn run(arguments: &HandTrainArguments) -> Result<()> {
         true => scenes(&objects)?.into(),
         false => Curriculum { first: scenes(&load(first)?)?, later: scenes(&objects)? },
     };
-    let config = LearningConfig { environments: usize::from(arguments.environments), ..LearningConfig::default() };
+    let mut config = LearningConfig { environments: usize::from(arguments.environments), ..LearningConfig::default() };
+    if arguments.correct {
+        // A gait is good already, and large random changes would only drop its objects.
+        config.spread = 0.15;
+    }
     let block = config.block;
-    let identity = json!([names, first, sizes, hand.description(), hand.side().sign()]).to_string();
+    let identity = json!([names, first, arguments.correct, sizes, hand.description(), hand.side().sign()]).to_string();
     let mut training = match state_path.exists() {
         true => {
             let state = input::read(&state_path, LARGEST_STATE)
@@ -137,8 +144,9 @@ pub(crate) fn run(arguments: &HandTrainArguments) -> Result<()> {
     bar.finish_and_clear();
     let (weights, contract) = training.policy_files()?;
     let first = if first.is_empty() { String::new() } else { format!(" --first {}", first.join(",")) };
+    let correct = if arguments.correct { " --correct" } else { "" };
     let contract = format!(
-        "# Made by `hand train --object {}{first} --steps {} --seed {seed}`.\n{contract}",
+        "# Made by `hand train --object {}{first}{correct} --steps {} --seed {seed}`.\n{contract}",
         names.join(","),
         arguments.steps
     );

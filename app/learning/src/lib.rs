@@ -14,7 +14,7 @@
 //! use mvt_robot::hand::{Hand, Side};
 //!
 //! let cube = mvt_objects::catalogue::load("cube70", &mut Vec::new())?;
-//! let settings = training_settings(&Hand::allegro(Side::Left));
+//! let settings = training_settings(&Hand::allegro(Side::Left), false);
 //! let scenes = in_sizes(&cube, 2, 0.05).into_iter().map(|size| Ok(Arc::new(Scene::new(size, settings.clone())?)));
 //! let scenes = scenes.collect::<Result<Vec<Arc<Scene>>, mvt_environment::TaskError>>()?;
 //! let config = LearningConfig { environments: 2, steps: 4, minibatch: 16, block: 1, ..LearningConfig::default() };

@@ -46,7 +46,8 @@ struct Sums {
     falls: u64,
 }
 
-/// Training of a policy that turns objects by proprioception, their place and the forces on the pads, with a critic that knows the truth.
+/// Training of a policy that turns objects, or corrects the gaits that do, by proprioception, their place and the forces on the pads, with a
+/// critic that knows the truth.
 pub struct PolicyTraining {
     pub(crate) config: LearningConfig,
     pub(crate) seed: u64,
@@ -68,8 +69,8 @@ pub struct PolicyTraining {
 }
 
 /// Returns the settings of the environments of a training: half the integration steps of a run, and wider ranges of friction, stiffness and
-/// latency than those of its starts.
-pub fn training_settings(hand: &Arc<Hand>) -> TurnSettings {
+/// latency than those of its starts. With `corrects` the policy corrects the gait that suits each object.
+pub fn training_settings(hand: &Arc<Hand>, corrects: bool) -> TurnSettings {
     TurnSettings {
         hand: Arc::clone(hand),
         physics_hz: 150,
@@ -77,7 +78,7 @@ pub fn training_settings(hand: &Arc<Hand>) -> TurnSettings {
         randomisation: Randomisation { friction: 0.25, stiffness: 0.15, ..Randomisation::default() },
         // Half the time between two commands.
         latency_s: 0.02,
-        senses: vec![Sense::Sighted, Sense::Privileged],
+        senses: vec![if corrects { Sense::Guided } else { Sense::Sighted }, Sense::Privileged],
         cameras: Vec::new(),
         ..TurnSettings::default()
     }
@@ -93,11 +94,14 @@ impl PolicyTraining {
         let (count, curriculum) = (config.environments, scenes.into());
         let environments = Environments::of_scenes(curriculum.first.clone(), count, true)?;
         let settings = environments.scene().settings();
-        let mut contract = PolicyContract::sighted(&settings.hand, settings.control_hz);
+        let mut contract = match settings.senses.contains(&Sense::Guided) {
+            true => PolicyContract::correcting(&settings.hand, settings.control_hz),
+            false => PolicyContract::sighted(&settings.hand, settings.control_hz),
+        };
         contract.side = Some(settings.hand.side());
         let size = |sense| environments.scene().shape(sense).iter().product::<usize>();
         let all = settings.senses.iter().map(|&sense| size(sense)).sum();
-        let sizes = [size(Sense::Sighted), all, settings.hand.joints().len()];
+        let sizes = [contract.observation_size(&settings.hand), all, settings.hand.joints().len()];
         let mut training = Self {
             learner: Learner::draw(sizes, &config, &mut ChaCha8Rng::seed_from_u64(seed)),
             moments: Moments::new(all),

@@ -12,7 +12,7 @@ use mvt_robot::hand::{Hand, Side};
 
 fn scenes() -> Vec<Arc<Scene>> {
     let cube = mvt_objects::catalogue::load("cube70", &mut Vec::new()).unwrap();
-    let settings = training_settings(&Hand::allegro(Side::Left));
+    let settings = training_settings(&Hand::allegro(Side::Left), false);
     let scene = |object| Arc::new(Scene::new(object, settings.clone()).unwrap());
     in_sizes(&cube, 2, 0.05).into_iter().map(scene).collect()
 }

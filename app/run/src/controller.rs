@@ -52,9 +52,12 @@ fn sha256(file: &Path) -> Result<String> {
 fn policy(file: &str, object: &Object, hand: &Hand) -> Result<ChosenController> {
     let policy = Policy::read(Path::new(file), hand)?;
     policy.notes().iter().for_each(|note| tracing::warn!("{file}: {note}"));
-    let suited = controller_file::choose(AUTO, object, hand).ok();
-    let gait = policy.start(suited.as_ref().map(|chosen| &chosen.gait), hand);
-    let mover = PolicyController::new(&policy, &Arc::new(hand.clone()), gait.torque_limit_nm)?;
+    let suited = controller_file::choose(AUTO, object, hand).ok().map(|chosen| chosen.gait);
+    if policy.corrects() && suited.as_ref().is_none_or(|gait| gait.feedback.is_some()) {
+        bail!("{file} corrects the gait that suits an object on the palm, and no gait suits {}", object.name);
+    }
+    let gait = policy.start(suited.as_ref(), hand);
+    let mover = PolicyController::new(&policy, &Arc::new(hand.clone()), &gait)?;
     Ok(ChosenController {
         name: file.to_owned(),
         gait,

@@ -1,7 +1,7 @@
 //! What a policy expects of the hand and the simulator that it moves: joints, drives, rate, observations and actions.
 
 use mvt_gaits::axis::TurnAxis;
-use mvt_gaits::clock::PHYSICS_HZ;
+use mvt_gaits::clock::{CONTROL_HZ, PHYSICS_HZ};
 use mvt_robot::hand::{Hand, Side};
 
 use crate::fields::Fields;
@@ -51,6 +51,8 @@ pub enum ActionKind {
     Absolute,
     /// The angles before, changed by `action_scale * action`.
     Incremental,
+    /// The angles at which the gait that suits the object aims, changed by `action_scale * action`.
+    Correction,
 }
 
 /// Pose of the hand at the start of an episode.
@@ -146,6 +148,17 @@ impl PolicyContract {
         contract
     }
 
+    /// Returns the same contract for a policy that corrects the gait that suits the object, by up to 0.2 rad for each joint, and also observes
+    /// where the gait aims.
+    pub fn correcting(hand: &Hand, control_hz: u32) -> Self {
+        let term = ObservationTerm::GaitTargetUnit;
+        let mut contract = Self::sighted(hand, control_hz);
+        contract.observation.push(ObservedTerm { term, clip: [-1.0, 1.0], scale: vec![1.0], history: 3 });
+        contract.action = ActionKind::Correction;
+        contract.action_scale.fill(0.2);
+        contract
+    }
+
     /// Reads a contract for a hand.
     ///
     /// # Errors
@@ -170,7 +183,11 @@ impl PolicyContract {
             action: choice(
                 fields,
                 "action",
-                [("absolute", ActionKind::Absolute), ("incremental", ActionKind::Incremental)],
+                &[
+                    ("absolute", ActionKind::Absolute),
+                    ("incremental", ActionKind::Incremental),
+                    ("correction", ActionKind::Correction),
+                ],
             )?,
             action_clip: match fields.has("action_clip") {
                 true => within("action_clip", &fields.numbers("action_clip", 1, "limits")?, [1e-3, 1e3])?,
@@ -178,14 +195,14 @@ impl PolicyContract {
             },
             control_hz: rate(fields)?,
             observation: observation(fields, hand)?,
-            newest_first: choice(fields, "history_order", [("oldest_first", false), ("newest_first", true)])?,
+            newest_first: choice(fields, "history_order", &[("oldest_first", false), ("newest_first", true)])?,
             hand: optional(fields, "hand")?,
             side: match fields.has("side") {
-                true => Some(choice(fields, "side", [("left", Side::Left), ("right", Side::Right)])?),
+                true => Some(choice(fields, "side", &[("left", Side::Left), ("right", Side::Right)])?),
                 false => None,
             },
             axis: optional(fields, "axis")?.map(|text| text.parse().map_err(|e| format!("axis: {e}"))).transpose()?,
-            start: choice(fields, "start", [("default", PolicyStart::Default), ("suited", PolicyStart::Suited)])?,
+            start: choice(fields, "start", &[("default", PolicyStart::Default), ("suited", PolicyStart::Suited)])?,
             torque_limit_nm: match fields.has("torque_limit_nm") {
                 true => {
                     Some(within("torque_limit_nm", &fields.numbers("torque_limit_nm", 1, "limits")?, [0.01, 100.0])?)
@@ -205,6 +222,19 @@ impl PolicyContract {
     }
 
     fn check(&self, hand: &Hand) -> Result<(), String> {
+        let corrects = self.action == ActionKind::Correction;
+        if !corrects && self.observation.iter().any(|observed| observed.term == ObservationTerm::GaitTargetUnit) {
+            return Err("observation_names: gait_target_unit is for policies that correct a gait; write action = \"correction\", or leave it out".to_owned());
+        }
+        if corrects && (self.start == PolicyStart::Default || self.axis.is_some() || self.torque_limit_nm.is_some()) {
+            return Err("axis, start and torque_limit_nm are those of the gait that a policy corrects; leave them out, and write start = \"suited\"".to_owned());
+        }
+        if corrects && self.control_hz != CONTROL_HZ {
+            return Err(format!(
+                "control_hz is {}; gaits, which this policy corrects, have {CONTROL_HZ} commands per second",
+                self.control_hz
+            ));
+        }
         if let Some(name) = self.hand.as_deref().filter(|name| *name != hand.name()) {
             return Err(format!("hand: the policy was made for {name:?}; this is the hand {:?}", hand.name()));
         }
@@ -278,11 +308,11 @@ fn optional(fields: &Fields, name: &str) -> Result<Option<String>, String> {
 }
 
 /// Returns the value of a word; that of the first one if the field is not there.
-fn choice<T: Copy>(fields: &Fields, name: &str, choices: [(&str, T); 2]) -> Result<T, String> {
-    let [(default, _), (other, _)] = choices;
-    let word = fields.word(name, default)?;
-    let chosen = choices.into_iter().find(|(choice, _)| *choice == word);
-    chosen.map(|(_, value)| value).ok_or_else(|| format!("{name} is {word:?}; choose {default} or {other}"))
+fn choice<T: Copy>(fields: &Fields, name: &str, choices: &[(&str, T)]) -> Result<T, String> {
+    let names: Vec<&str> = choices.iter().map(|(choice, _)| *choice).collect();
+    let word = fields.word(name, names.first().copied().unwrap_or_default())?;
+    let chosen = choices.iter().find(|(choice, _)| *choice == word);
+    chosen.map(|(_, value)| *value).ok_or_else(|| format!("{name} is {word:?}; choose {}", names.join(" or ")))
 }
 
 fn rate(fields: &Fields) -> Result<u32, String> {

@@ -14,7 +14,8 @@
 //!
 //! let hand = Hand::allegro(Side::Left);
 //! let policy = Policy::read(Path::new("policy.safetensors"), &hand)?;
-//! let mut controller = PolicyController::new(&policy, &hand, 0.35)?;
+//! let gait = policy.start(None, &hand);
+//! let mut controller = PolicyController::new(&policy, &hand, &gait)?;
 //! let targets = controller.command(&Proprioception::at(0.0, vec![0.2; 16]));
 //! assert_eq!(targets.len(), 16);
 //! # Ok::<(), Box<dyn std::error::Error>>(())

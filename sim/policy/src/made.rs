@@ -79,6 +79,7 @@ fn fields(contract: &PolicyContract) -> Table {
     let action = match contract.action {
         ActionKind::Absolute => "absolute",
         ActionKind::Incremental => "incremental",
+        ActionKind::Correction => "correction",
     };
     add("action", action.into());
     if contract.action_clip.is_finite() {
@@ -118,7 +119,8 @@ mod tests {
     #[test]
     fn a_contract_that_is_written_is_read_again() {
         let hand = Hand::allegro(Side::Left);
-        let [turning, sighted] = [PolicyContract::turning(&hand, 25), PolicyContract::sighted(&hand, 25)];
+        let turning = PolicyContract::turning(&hand, 25);
+        let [sighted, correcting] = [PolicyContract::sighted(&hand, 25), PolicyContract::correcting(&hand, 25)];
         let mut other = turning.clone();
         other.joint_names.reverse();
         other.default_joint_pos.reverse();
@@ -132,7 +134,7 @@ mod tests {
             scale: vec![1.0, 2.0, 3.0],
             history: 1,
         });
-        for contract in [turning, sighted, other] {
+        for contract in [turning, sighted, correcting, other] {
             let text = fields(&contract).to_string();
             assert_eq!(PolicyContract::read(&Fields::of_toml(&text).unwrap(), &hand), Ok(contract), "{text}");
         }

@@ -22,6 +22,8 @@ pub struct PolicySenses<'a> {
     pub sensed: &'a Proprioception,
     /// Angles at which the joints of the hand aim, radians.
     pub targets: &'a [f64],
+    /// Angles at which the gait aims that a policy corrects, radians; empty without one.
+    pub gait_targets: &'a [f64],
     /// The action before, in the order of the network.
     pub action: &'a [f32],
     /// The last estimate of the object's place.
@@ -93,7 +95,7 @@ impl ObservationMap {
     }
 
     fn values(&self, term: ObservationTerm, senses: &PolicySenses<'_>) -> Vec<f64> {
-        let PolicySenses { sensed, targets, action, place, touch_mm } = *senses;
+        let PolicySenses { sensed, targets, gait_targets, action, place, touch_mm } = *senses;
         let ordered = |values: &[f64]| -> Vec<f64> {
             self.order.iter().map(|&j| values.get(j).copied().unwrap_or(0.0)).collect()
         };
@@ -114,6 +116,7 @@ impl ObservationMap {
             ObservationTerm::JointTarget => relative(targets),
             ObservationTerm::JointTargetUnit => unit(targets),
             ObservationTerm::JointPosTargetUnit => [unit(&sensed.joints), unit(targets)].concat(),
+            ObservationTerm::GaitTargetUnit => unit(gait_targets),
             ObservationTerm::Actions => {
                 (0..self.order.len()).map(|k| action.get(k).map_or(0.0, |action| f64::from(*action))).collect()
             }
@@ -226,7 +229,8 @@ impl ActionMap {
     }
 
     /// Changes the angles at which the joints of the hand aim by an action in the order of the network, within the joints' limits.
-    pub fn apply(&self, action: &[f32], targets: &mut JointAngles) {
+    /// `gait_targets` are those of the gait that is corrected, if one is.
+    pub fn apply(&self, action: &[f32], gait_targets: &[f64], targets: &mut JointAngles) {
         let of_joints = self.order.iter().zip(self.default_pos.iter().zip(&self.scale));
         for ((&j, (default, scale)), action) in of_joints.zip(action) {
             let change = scale * f64::from(*action).clamp(-self.clip, self.clip);
@@ -234,6 +238,7 @@ impl ActionMap {
                 *target = match self.kind {
                     ActionKind::Absolute => default + change,
                     ActionKind::Incremental => *target + change,
+                    ActionKind::Correction => gait_targets.get(j).unwrap_or(target) + change,
                 };
             }
         }

@@ -3,9 +3,10 @@
 use std::sync::Arc;
 
 use mvt_gaits::controller::{Controller, Proprioception};
+use mvt_gaits::directed::DirectedController;
 use mvt_gaits::directive::Directive;
 use mvt_gaits::feedback::{EstimatedPlace, RehearsedPlace, SeenPlace};
-use mvt_gaits::gait::UnknownGait;
+use mvt_gaits::gait::{Gait, UnknownGait};
 use mvt_robot::hand::{Drive, Hand, HandError, JointAngles, PerPad};
 use mvt_robot::observation::Press;
 
@@ -13,12 +14,15 @@ use crate::maps::{ActionMap, ObservationMap, PolicySenses, pooled_touch_mm};
 use crate::policy::Policy;
 use crate::term::ObservationTerm;
 
-/// Controller that plays a policy. Of a supervisor's directives it obeys those that hold the fingers and let them go.
+/// Controller that plays a policy. Of a supervisor's directives it obeys those that hold the fingers and let them go; the gait that a policy
+/// corrects obeys all that change a gait.
 #[derive(Debug, Clone)]
 pub struct PolicyController {
     policy: Arc<Policy>,
     observations: ObservationMap,
     actions: ActionMap,
+    /// Plays the gait that the policy corrects, if it does.
+    corrected: Option<DirectedController>,
     /// What the network remembers.
     state: Vec<Vec<f32>>,
     /// Angles at which the joints aim; `None` before the first command.
@@ -31,15 +35,16 @@ pub struct PolicyController {
 }
 
 impl PolicyController {
-    /// Starts a policy on a hand whose joints have this torque limit, Nm.
+    /// Starts a policy on a hand with the gait of [`Policy::start`]: it sets the torque limit, and is what a policy of corrections corrects.
     ///
     /// # Errors
     /// [`HandError`] if the contract's drives are impossible.
-    pub fn new(policy: &Arc<Policy>, hand: &Arc<Hand>, torque_limit_nm: f64) -> Result<Self, HandError> {
+    pub fn new(policy: &Arc<Policy>, hand: &Arc<Hand>, gait: &Gait) -> Result<Self, HandError> {
         let contract = policy.contract();
         Ok(Self {
             observations: ObservationMap::new(contract, hand),
-            actions: ActionMap::new(contract, hand, torque_limit_nm)?,
+            actions: ActionMap::new(contract, hand, gait.torque_limit_nm)?,
+            corrected: policy.corrects().then(|| DirectedController::new(gait, hand)),
             state: policy.first_state(),
             targets: None,
             action: vec![0.0; contract.joint_names.len()],
@@ -59,10 +64,12 @@ impl PolicyController {
 impl Controller for PolicyController {
     fn command(&mut self, sensed: &Proprioception) -> JointAngles {
         let mut targets = self.targets.take().unwrap_or_else(|| sensed.joints.clone());
+        let gait_targets = self.corrected.as_mut().map(|gait| gait.command(sensed)).unwrap_or_default();
         if !self.is_held && self.fault.is_none() {
             let senses = PolicySenses {
                 sensed,
                 targets: &targets,
+                gait_targets: &gait_targets,
                 action: &self.action,
                 place: self.place,
                 touch_mm: &self.touch_mm,
@@ -70,7 +77,7 @@ impl Controller for PolicyController {
             let observation = self.observations.observe(&senses);
             match self.policy.act(&observation, &mut self.state) {
                 Ok(action) => {
-                    self.actions.apply(&action, &mut targets);
+                    self.actions.apply(&action, &gait_targets, &mut targets);
                     self.action = action;
                 }
                 Err(reason) => self.fault = Some(reason),
@@ -123,7 +130,7 @@ impl Controller for PolicyController {
 
     fn obey(&mut self, directive: &Directive) -> Result<(), UnknownGait> {
         self.is_held = *directive == Directive::Hold;
-        Ok(())
+        self.corrected.as_mut().map_or(Ok(()), |gait| gait.obey(directive))
     }
 
     fn fault(&self) -> Option<String> {

@@ -9,7 +9,7 @@ use mvt_gaits::axis::TurnAxis;
 use mvt_gaits::gait::Gait;
 use mvt_robot::hand::{Hand, JointAngles};
 
-use crate::contract::{PolicyContract, PolicyStart};
+use crate::contract::{ActionKind, PolicyContract, PolicyStart};
 use crate::error::PolicyError;
 use crate::fields::Fields;
 use crate::layers::Layers;
@@ -114,6 +114,11 @@ impl Policy {
         &self.contract
     }
 
+    /// Returns whether the policy corrects the gait that suits an object, and so needs one.
+    pub fn corrects(&self) -> bool {
+        self.contract.action == ActionKind::Correction
+    }
+
     /// Returns peculiarities of the file that are no errors, in sentences.
     pub fn notes(&self) -> &[String] {
         &self.notes
@@ -142,7 +147,8 @@ impl Policy {
     }
 
     /// Returns the start of an episode: tilt of the palm, torque limit, place of the object and pose of the hand. All that the contract does
-    /// not state is that of the gait that suits the object; if none does, the palm is level, and the object starts at the grasp.
+    /// not state is that of the gait that suits the object; if none does, the palm is level, and the object starts at the grasp. A policy that
+    /// corrects a gait leaves it as it is.
     pub fn start(&self, suited: Option<&Gait>, hand: &Hand) -> Gait {
         let contract = &self.contract;
         let mut default: JointAngles = vec![0.0; hand.joints().len()];
@@ -167,6 +173,9 @@ impl Policy {
             table: Vec::new(),
             feedback: None,
         });
+        if self.corrects() {
+            return gait;
+        }
         "a policy".clone_into(&mut gait.description);
         gait.params.clear();
         gait.table.clear();

@@ -23,6 +23,8 @@ pub enum ObservationTerm {
     JointTargetUnit,
     /// Joint angles, then the angles at which the joints aim, both from -1 to 1: the proprioception of HORA and of our environments.
     JointPosTargetUnit,
+    /// Joint angles at which the gait that a policy corrects aims, from -1 to 1 over the range of each joint.
+    GaitTargetUnit,
     /// The action before, as the network gave it.
     Actions,
     /// 1 for each pad that touches the object, else 0.
@@ -45,13 +47,14 @@ pub enum ObservationTerm {
 }
 
 /// Terms with their names; those of mjlab and Isaac Lab stand behind the first one.
-const NAMES: [(ObservationTerm, &[&str]); 15] = [
+const NAMES: [(ObservationTerm, &[&str]); 16] = [
     (ObservationTerm::JointPos, &["joint_pos", "joint_pos_rel"]),
     (ObservationTerm::JointVel, &["joint_vel", "joint_vel_rel"]),
     (ObservationTerm::JointPosUnit, &["joint_pos_unit"]),
     (ObservationTerm::JointTarget, &["joint_target"]),
     (ObservationTerm::JointTargetUnit, &["joint_target_unit"]),
     (ObservationTerm::JointPosTargetUnit, &["joint_pos_target_unit"]),
+    (ObservationTerm::GaitTargetUnit, &["gait_target_unit"]),
     (ObservationTerm::Actions, &["actions", "last_action"]),
     (ObservationTerm::PadContact, &["pad_contact"]),
     (ObservationTerm::PadForce, &["pad_force"]),
@@ -74,7 +77,7 @@ impl ObservationTerm {
         let (joints, pads) = (hand.joints().len(), hand.pads().len());
         match self {
             Self::JointPos | Self::JointVel | Self::JointPosUnit | Self::JointTarget | Self::JointTargetUnit => joints,
-            Self::Actions => joints,
+            Self::Actions | Self::GaitTargetUnit => joints,
             Self::JointPosTargetUnit => 2 * joints,
             Self::PadContact | Self::PadForce => pads,
             Self::TouchDepth => pads * TOUCH_GRID[0] * TOUCH_GRID[1],

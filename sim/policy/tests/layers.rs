@@ -8,7 +8,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use mvt_gaits::controller::{Controller, Proprioception};
+use mvt_gaits::directed::DirectedController;
 use mvt_gaits::directive::Directive;
+use mvt_gaits::gait::{self, Gait};
 use mvt_policy::{Policy, PolicyController, PolicyError};
 use mvt_robot::hand::{Hand, Side};
 use proptest::prelude::*;
@@ -97,6 +99,11 @@ fn says(refused: &str, parts: &[&str]) {
     assert!(parts.iter().all(|part| refused.contains(part)), "{refused}");
 }
 
+/// The gait of a policy, with a torque limit of 0.5 Nm.
+fn limited(policy: &Policy) -> Gait {
+    Gait { torque_limit_nm: 0.5, ..policy.start(None, &hand()) }
+}
+
 fn in_order() -> Vec<usize> {
     (0..16).collect()
 }
@@ -107,7 +114,7 @@ fn joints_go_by_name_in_any_order() {
     let measured: Vec<f64> =
         hand().joints().iter().map(|joint| joint.range[0] + 0.4 * (joint.range[1] - joint.range[0])).collect();
     let policy = read(&tensors(), &contract(&order)).unwrap();
-    let mut controller = PolicyController::new(&policy, &hand(), 0.5).unwrap();
+    let mut controller = PolicyController::new(&policy, &hand(), &limited(&policy)).unwrap();
     let targets = controller.command(&Proprioception::at(0.0, measured.clone()));
     for (k, &j) in order.iter().enumerate() {
         let [low, high] = hand().joints()[j].range;
@@ -122,7 +129,7 @@ fn joints_go_by_name_in_any_order() {
 #[test]
 fn a_held_hand_rests_and_a_copy_continues_alike() {
     let policy = read(&tensors(), &contract(&in_order())).unwrap();
-    let mut controller = PolicyController::new(&policy, &hand(), 0.5).unwrap();
+    let mut controller = PolicyController::new(&policy, &hand(), &limited(&policy)).unwrap();
     let at = |time_s: f64| Proprioception::at(time_s, vec![0.3; 16]);
     let first = controller.command(&at(0.0));
     controller.obey(&Directive::Hold).unwrap();
@@ -130,6 +137,41 @@ fn a_held_hand_rests_and_a_copy_continues_alike() {
     controller.obey(&Directive::Continue).unwrap();
     let mut copy = controller.copy();
     assert_eq!(controller.command(&at(0.08)), copy.command(&at(0.08)));
+}
+
+#[test]
+fn corrections_are_added_to_the_gait() {
+    let contract = contract(&in_order()).replace("[\"joint_pos\", \"actions\"]", "[\"gait_target_unit\", \"actions\"]")
+        + "action = \"correction\"\naction_clip = 1.0\nstart = \"suited\"\n";
+    // The second joint is corrected by more than the clip, the first by half of it; the others are not.
+    let mut tensors = tensors();
+    tensors.get_mut("layers.1.weight").unwrap().1.fill(0.0);
+    tensors.get_mut("layers.1.bias").unwrap().1[..2].copy_from_slice(&[0.1, -7.0]);
+    let policy = read(&tensors, &contract).unwrap();
+    let (_, gait) = gait::find("bal").unwrap();
+    assert!(policy.corrects() && policy.start(Some(gait), &hand()) == *gait);
+    let mut corrected = PolicyController::new(&policy, &hand(), gait).unwrap();
+    let mut alone = DirectedController::new(gait, &hand());
+    let mut joints = hand().mirrored(&gait.open_pose);
+    for k in 0..100 {
+        let sensed = Proprioception::at(f64::from(k) / 25.0, joints);
+        let (with, without) = (corrected.command(&sensed), alone.command(&sensed));
+        let reach = gait.torque_limit_nm / 3.0 + 0.05;
+        for (j, correction) in [0.05, -0.5].into_iter().chain([0.0; 14]).enumerate() {
+            let [low, high] = hand().joints()[j].range;
+            let expected = (without[j] + correction).clamp(low, high);
+            let expected = expected.clamp(sensed.joints[j] - reach, sensed.joints[j] + reach);
+            assert!((with[j] - expected).abs() < 1e-7, "joint {j} at {k}: {} is not {expected}", with[j]);
+        }
+        joints = without;
+    }
+
+    let refused = |from: &str, to: &str| refusal(|_| (), &contract.replace(from, to));
+    says(&refused("\"correction\"", "\"absolute\""), &["gait_target_unit", "correct a gait"]);
+    says(&refused("control_hz = 25", "control_hz = 50"), &["control_hz is 50", "25"]);
+    says(&refused("\"suited\"", "\"default\""), &["start", "leave them out"]);
+    says(&refused("control_hz", "axis = \"+z\"\ncontrol_hz"), &["axis", "leave them out"]);
+    says(&refused("\"correction\"", "\"correcting\""), &["absolute or incremental or correction"]);
 }
 
 #[test]
@@ -197,7 +239,7 @@ fn a_policy_that_runs_away_is_stopped() {
     let mut tensors = tensors();
     tensors.get_mut("layers.1.weight").unwrap().1[0] = 1e9;
     let policy = read(&tensors, &contract(&in_order())).unwrap();
-    let mut controller = PolicyController::new(&policy, &hand(), 0.5).unwrap();
+    let mut controller = PolicyController::new(&policy, &hand(), &limited(&policy)).unwrap();
     let measured = vec![0.35; 16];
     let targets = controller.command(&Proprioception::at(0.0, measured.clone()));
     assert!(targets.iter().zip(&measured).all(|(target, measured)| (target - measured).abs() < 0.3));
