@@ -7,7 +7,7 @@ use std::sync::Arc;
 use anyhow::{Context as _, Result, bail};
 use clap::{Args, Subcommand, value_parser};
 use mvt_gaits::axis::TurnAxis;
-use mvt_gaits::controller_file::{self, ControllerFile, is_policy};
+use mvt_gaits::controller_file::{self, CORRECTED, ControllerFile, is_policy};
 use mvt_gaits::gait::{self, Gait};
 use mvt_hands::load_rig;
 use mvt_objects::object::Object;
@@ -167,6 +167,9 @@ pub fn list() -> Result<()> {
     for (name, axis, purpose) in controller_file::list() {
         print_line(&format!("{name:<18} {axis}  {purpose}"))?;
     }
+    print_line(&format!(
+        "{CORRECTED:<18}     a learnt policy that corrects the gait that suits an object; for the left hand"
+    ))?;
     print_line(&format!("{:<18}     a controller file, which `hand tune` writes", "FILE.toml"))?;
     print_line(&format!("{:<18}     a learnt policy, see docs/policies.md and `controllers check`", "FILE.onnx"))?;
     print_line(&format!("{:<18}     the same, with its contract in a .toml file beside it", "FILE.safetensors"))

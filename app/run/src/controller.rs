@@ -3,13 +3,12 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::{Context as _, Result, bail};
-use mvt_files::input;
+use anyhow::{Result, bail};
 use mvt_gaits::controller_file::{self, ChosenController, is_policy};
 use mvt_gaits::gait::AUTO;
 use mvt_gaits::schedule::Schedule;
 use mvt_objects::object::Object;
-use mvt_policy::{LARGEST_POLICY, Policy, PolicyController};
+use mvt_policy::{Policy, PolicyController};
 use mvt_robot::hand::Hand;
 
 /// Chooses the controller of a hand for an object by name, file, schedule, policy or `auto`, and warns if the object does not have the size for which
@@ -42,10 +41,8 @@ pub fn choose_any(controller: &str, object: &Object, hand: &Hand) -> Result<Chos
 
 /// Returns the SHA-256 of a policy with the file beside it.
 fn sha256(file: &Path) -> Result<String> {
-    let mut bytes = input::read(file, LARGEST_POLICY).with_context(|| format!("cannot read {}", file.display()))?;
-    // Policies without a file beside them are complete.
-    bytes.extend(input::read(&file.with_extension("toml"), LARGEST_POLICY).unwrap_or_default());
-    Ok(mvt_pinned::sha256_of(&bytes))
+    let (weights, contract) = Policy::files(file)?;
+    Ok(mvt_pinned::sha256_of(&[weights.as_slice(), contract.as_bytes()].concat()))
 }
 
 /// Reads a policy. What its contract leaves open is that of the gait that suits the object.

@@ -358,9 +358,12 @@ pub fn is_path(text: &str) -> bool {
     text.ends_with(".toml") || text.contains('/') || is_policy(text)
 }
 
-/// Returns whether this names a learnt policy, which the crate `mvt-policy` reads.
+/// Name of the learnt policy that the program carries.
+pub const CORRECTED: &str = "corrected";
+
+/// Returns whether this names a learnt policy, which the crate `mvt-policy` reads: a file, or [`CORRECTED`].
 pub fn is_policy(text: &str) -> bool {
-    [".onnx", ".safetensors"].iter().any(|end| text.ends_with(end))
+    text == CORRECTED || [".onnx", ".safetensors"].iter().any(|end| text.ends_with(end))
 }
 
 /// Returns the shipped controllers that are files, by name.

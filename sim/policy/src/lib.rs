@@ -41,6 +41,6 @@ pub use error::PolicyError;
 pub use made::{MadePolicy, PolicyLayer};
 pub use maps::{ActionMap, ObservationMap, PolicySenses, pooled_touch_mm};
 pub use player::PolicyController;
-pub use policy::{LARGEST_ACTION, LARGEST_POLICY, Policy, is_policy};
+pub use policy::{LARGEST_ACTION, Policy, is_policy};
 pub use term::{ObservationTerm, TOUCH_GRID};
 pub use {mvt_gaits, mvt_robot};

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use mvt_files::input;
 use mvt_gaits::axis::TurnAxis;
+use mvt_gaits::controller_file::CORRECTED;
 use mvt_gaits::gait::Gait;
 use mvt_robot::hand::{Hand, JointAngles};
 
@@ -16,7 +17,7 @@ use crate::layers::Layers;
 use crate::network::Network;
 
 /// Largest file of a policy, bytes: 16 million weights, some hundred times those of policies for hands.
-pub const LARGEST_POLICY: u64 = 64 << 20;
+const LARGEST_POLICY: u64 = 64 << 20;
 /// Largest contract, bytes.
 const LARGEST_CONTRACT: u64 = 1 << 20;
 /// Greatest action that is believed. Policies give a few units; weights that were exported without a normaliser give thousands.
@@ -34,32 +35,33 @@ pub struct Policy {
     notes: Vec<String>,
 }
 
-/// Returns whether a text names the file of a policy: it ends in .onnx or .safetensors.
+/// The policy that the program carries, and its contract.
+const CARRIED: (&[u8], &str) =
+    (include_bytes!("../assets/corrected.safetensors"), include_str!("../assets/corrected.toml"));
+
+/// Returns whether a text names a policy: a file that ends in .onnx or .safetensors, or [`CORRECTED`].
 pub fn is_policy(text: &str) -> bool {
     mvt_gaits::controller_file::is_policy(text)
 }
 
 impl Policy {
     /// Reads an ONNX file with mjlab's metadata, or a safetensors file, for a hand. A file of the same name that ends in .toml completes the
-    /// contract. Files that can hold code, such as pickles, are not opened.
+    /// contract. Files that can hold code, such as pickles, are not opened. [`CORRECTED`] is the policy that the program carries.
     ///
     /// # Errors
     /// [`PolicyError::File`] names the file and the field that is missing or wrong.
     pub fn read(path: &Path, hand: &Hand) -> Result<Arc<Self>, PolicyError> {
         let failed = |reason: String| PolicyError::File { path: path.to_owned(), reason: one_line(&reason) };
+        let (bytes, text) = Self::files(path)?;
         let beside = path.with_extension("toml");
-        let sidecar = if beside.exists() { Self::read_sidecar(&beside)? } else { Fields::default() };
-        let (fields, network, notes) = match path.extension().and_then(OsStr::to_str) {
-            Some("safetensors") => {
-                let bytes = input::read(path, LARGEST_POLICY).map_err(|e| failed(e.to_string()))?;
+        let sidecar =
+            Self::fields(&text).map_err(|reason| PolicyError::File { path: beside, reason: one_line(&reason) })?;
+        let (fields, network, notes) = match path.extension().is_some_and(|ending| ending == "onnx") {
+            true => read_onnx(bytes, sidecar).map_err(failed)?,
+            false => {
                 let network = Layers::read(&bytes, &sidecar).map_err(failed)?;
                 (sidecar, Network::Layers(network), Vec::new())
             }
-            Some("onnx") => read_onnx(path, sidecar).map_err(failed)?,
-            Some("pt" | "pth" | "pkl" | "pickle" | "zip" | "ckpt") => {
-                return Err(failed("a pickle can run any code and is not opened; export the policy as ONNX or safetensors, see docs/policies.md".to_owned()));
-            }
-            _ => return Err(failed("a policy ends in .onnx or .safetensors".to_owned())),
         };
         let contract = PolicyContract::read(&fields, hand).map_err(failed)?;
         let policy = Self { contract, network, notes };
@@ -67,12 +69,38 @@ impl Policy {
         Ok(Arc::new(policy))
     }
 
-    fn read_sidecar(path: &Path) -> Result<Fields, PolicyError> {
-        let failed = |reason: String| PolicyError::File { path: path.to_owned(), reason: one_line(&reason) };
-        let text = input::read_text(path, LARGEST_CONTRACT).map_err(|e| failed(e.to_string()))?;
-        let fields = Fields::of_toml(&text).map_err(failed)?;
+    /// Returns the contents of a policy's file and of the file that completes its contract, if there is one.
+    ///
+    /// # Errors
+    /// [`PolicyError::File`] if a file cannot be read, or is none of a policy.
+    pub fn files(path: &Path) -> Result<(Vec<u8>, String), PolicyError> {
+        if path == Path::new(CORRECTED) {
+            return Ok((CARRIED.0.to_vec(), CARRIED.1.to_owned()));
+        }
+        let failed = |path: &Path, reason: &str| PolicyError::File { path: path.to_owned(), reason: one_line(reason) };
+        match path.extension().and_then(OsStr::to_str) {
+            Some("safetensors" | "onnx") => {}
+            Some("pt" | "pth" | "pkl" | "pickle" | "zip" | "ckpt") => {
+                return Err(failed(
+                    path,
+                    "a pickle can run any code and is not opened; export the policy as ONNX or safetensors, see docs/policies.md",
+                ));
+            }
+            _ => return Err(failed(path, "a policy ends in .onnx or .safetensors")),
+        }
+        let beside = path.with_extension("toml");
+        let text = match beside.exists() {
+            true => input::read_text(&beside, LARGEST_CONTRACT).map_err(|e| failed(&beside, &e.to_string()))?,
+            false => String::new(),
+        };
+        Ok((input::read(path, LARGEST_POLICY).map_err(|e| failed(path, &e.to_string()))?, text))
+    }
+
+    /// Returns the fields of a contract in a file of its own.
+    fn fields(text: &str) -> Result<Fields, String> {
+        let fields = Fields::of_toml(text)?;
         match PolicyContract::unknown(&fields) {
-            Some(unknown) => Err(failed(unknown)),
+            Some(unknown) => Err(unknown),
             None => Ok(fields),
         }
     }
@@ -190,8 +218,7 @@ impl Policy {
 }
 
 #[cfg(feature = "onnx")]
-fn read_onnx(path: &Path, sidecar: Fields) -> Result<(Fields, Network, Vec<String>), String> {
-    let bytes = input::read(path, LARGEST_POLICY).map_err(|e| e.to_string())?;
+fn read_onnx(bytes: Vec<u8>, sidecar: Fields) -> Result<(Fields, Network, Vec<String>), String> {
     let (mut fields, network) = crate::onnx::OnnxNetwork::read(bytes)?;
     fields.complete(sidecar)?;
     let notes = network.notes();
@@ -199,7 +226,7 @@ fn read_onnx(path: &Path, sidecar: Fields) -> Result<(Fields, Network, Vec<Strin
 }
 
 #[cfg(not(feature = "onnx"))]
-fn read_onnx(_: &Path, _: Fields) -> Result<(Fields, Network, Vec<String>), String> {
+fn read_onnx(_: Vec<u8>, _: Fields) -> Result<(Fields, Network, Vec<String>), String> {
     Err("this program was built without ONNX; build it with `--features onnx`, or export the policy as safetensors, see docs/policies.md".to_owned())
 }
 

@@ -4,14 +4,15 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mvt_gaits::controller::{Controller, Proprioception};
+use mvt_gaits::controller_file::CORRECTED;
 use mvt_gaits::directed::DirectedController;
 use mvt_gaits::directive::Directive;
 use mvt_gaits::gait::{self, Gait};
-use mvt_policy::{Policy, PolicyController, PolicyError};
+use mvt_policy::{Policy, PolicyContract, PolicyController, PolicyError};
 use mvt_robot::hand::{Hand, Side};
 use proptest::prelude::*;
 use safetensors::tensor::{Dtype, TensorView};
@@ -172,6 +173,16 @@ fn corrections_are_added_to_the_gait() {
     says(&refused("\"suited\"", "\"default\""), &["start", "leave them out"]);
     says(&refused("control_hz", "axis = \"+z\"\ncontrol_hz"), &["axis", "leave them out"]);
     says(&refused("\"correction\"", "\"correcting\""), &["absolute or incremental or correction"]);
+}
+
+#[test]
+fn the_policy_that_the_program_carries_is_for_the_left_allegro() {
+    let read = |hand: &Hand| Policy::read(Path::new(CORRECTED), hand);
+    let policy = read(&hand()).unwrap();
+    let mut expected = PolicyContract::correcting(&hand(), 25);
+    expected.side = Some(Side::Left);
+    assert_eq!(*policy.contract(), expected);
+    says(&read(&Hand::allegro(Side::Right)).unwrap_err().to_string(), &["corrected: side", "other hand"]);
 }
 
 #[test]
