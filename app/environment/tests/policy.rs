@@ -7,11 +7,15 @@ use std::path::Path;
 use std::sync::Arc;
 
 use mvt_environment::{Environments, Readings, Scene, Sense, TurnSettings};
+use mvt_gaits::controller::Controller;
+use mvt_gaits::controller_file::CORRECTED;
+use mvt_gaits::directed::DirectedController;
 use mvt_physics::air::PlaceErrors;
-use mvt_physics::episode::{Episode, EpisodeConfig};
+use mvt_physics::episode::{End, Episode, EpisodeConfig, Randomisation};
 use mvt_policy::{MadePolicy, Policy, PolicyContract, PolicyLayer};
 use mvt_robot::hand::Hand;
 use mvt_run::controller::choose_controller;
+use mvt_run::object::load_object;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
@@ -81,4 +85,25 @@ fn compare(sense: Sense, contract: &PolicyContract) {
         "the object stays in the hand: {:?}",
         episode.end()
     );
+}
+
+/// Its gait alone turns this shape, which is not among those of the training, by 3.0 rad in 10 s.
+#[test]
+fn the_policy_that_the_program_carries_turns_a_shape_that_it_never_met() {
+    let hand = TurnSettings::default().hand;
+    let object = load_object("random:204").unwrap();
+    let chosen = choose_controller(CORRECTED, &object, &hand).unwrap();
+    let gait: Box<dyn Controller> = Box::new(DirectedController::new(&chosen.gait, &hand));
+    let [alone, corrected] = [gait, chosen.mover.unwrap()].map(|mover| {
+        let (gait, randomisation) = (chosen.gait.clone(), Randomisation::default());
+        let config = EpisodeConfig { hand: Arc::clone(&hand), gait, seed: 3, duration_s: 10.0, randomisation };
+        let mut episode = Episode::moved_by(&object, &config, mover).unwrap();
+        episode.rehearse(PlaceErrors::default(), 3);
+        while episode.end().is_none() {
+            episode.advance(12, None);
+        }
+        assert_eq!(episode.end(), Some(&End::Completed));
+        episode.turned_rad()
+    });
+    assert!(corrected > 2.0 * alone && corrected > 8.0, "{corrected} and {alone} rad");
 }
