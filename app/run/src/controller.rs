@@ -49,11 +49,14 @@ fn sha256(file: &Path) -> Result<String> {
 fn policy(file: &str, object: &Object, hand: &Hand) -> Result<ChosenController> {
     let policy = Policy::read(Path::new(file), hand)?;
     policy.notes().iter().for_each(|note| tracing::warn!("{file}: {note}"));
-    let suited = controller_file::choose(AUTO, object, hand).ok().map(|chosen| chosen.gait);
-    if policy.corrects() && suited.as_ref().is_none_or(|gait| gait.feedback.is_some()) {
+    let suited = controller_file::choose(AUTO, object, hand).ok();
+    let gait = suited.as_ref().map(|chosen| &chosen.gait);
+    if policy.corrects() && gait.is_none_or(|gait| gait.feedback.is_some()) {
         bail!("{file} corrects the gait that suits an object on the palm, and no gait suits {}", object.name);
     }
-    let gait = policy.start(suited.as_ref(), hand);
+    let gait = policy.start(gait, hand);
+    // What the gait does not suit, its corrections may not.
+    let misfit = suited.filter(|_| policy.corrects()).and_then(|chosen| chosen.misfit);
     let mover = PolicyController::new(&policy, &Arc::new(hand.clone()), &gait)?;
     Ok(ChosenController {
         name: file.to_owned(),
@@ -61,7 +64,7 @@ fn policy(file: &str, object: &Object, hand: &Hand) -> Result<ChosenController> 
         mover: Some(Box::new(mover)),
         policy_sha256: Some(sha256(Path::new(file))?),
         schedule: Schedule::default(),
-        misfit: None,
+        misfit,
         falls: false,
     })
 }

@@ -86,7 +86,7 @@ fn options(controller: &str, object: &Object, hand: &Hand) -> Result<Vec<(String
     /// Rate that is assumed where none was measured, radians per second.
     const RATE_RAD_S: f64 = 0.7;
     if controller.contains(',') || is_path(controller) {
-        bail!("--explore changes between controllers by name; give --controller auto or one that `controllers` lists");
+        bail!("--explore changes between strokes by name; give --controller auto or a stroke that `controllers` lists");
     }
     let safe = safe_controllers(object, hand);
     let first = if controller == gait::AUTO { safe.first() } else { safe.iter().find(|safe| safe.name == controller) };
