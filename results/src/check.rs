@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context as _, Result, ensure};
 
 use crate::claims::{Claims, Verdict};
-use crate::place::{FOLDER, MORE, PAGE, Repository};
+use crate::place::{CHANGES, FOLDER, MORE, PAGE, Repository};
 use crate::render::{self, MOST_BYTES};
 use crate::values::Values;
 
@@ -20,6 +20,9 @@ pub fn check(repository: &Repository, claims: &Claims, values: &Values) -> Resul
         }
         if measured.commit.is_empty() || measured.machine.is_empty() || measured.date.is_empty() {
             wrong.push(format!("the value {id:?} lacks its commit, machine or date; measure it again"));
+        }
+        if measured.commit.ends_with(CHANGES) {
+            wrong.push(format!("the value {id:?} belongs to no commit; commit all changes, and measure it again"));
         }
     }
     for (_, row) in claims.rows() {
@@ -82,6 +85,7 @@ mod tests {
         let unknown = VALUES.replace("good.a", "good.z");
         assert!(refusal(CLAIMS, &unknown, same).contains("has no claim"));
         assert!(refusal(CLAIMS, &VALUES.replace("M2", ""), same).contains("machine"));
+        assert!(refusal(CLAIMS, &VALUES.replace("abc1234", "abc1234+changes"), same).contains("belongs to no commit"));
         assert!(refusal(&CLAIMS.replace("missed = \"The reason.\"", ""), VALUES, same).contains("say why"));
         assert!(refusal(CLAIMS, &VALUES.replace("0.5", "1.5"), same).contains("remove `missed`"));
         let with_table = CLAIMS.replace("commands = [\"true\"]\n[[group.row]]\nid = \"bad.c\"", "commands = [\"true\"]\n[[group.table]]\nfrom = \"a.md\"\nto = \"a.md\"\ntitle = \"T\"\n[[group.row]]\nid = \"bad.c\"");
