@@ -102,11 +102,11 @@ fn a_trained_policy_is_a_controller() {
     let curve = workplace.text("made.csv");
     assert!(curve.lines().count() == 2 && !workplace.path("made.safetensors.state").exists(), "{curve}");
     let checked = || workplace.run("controllers check made.safetensors").good();
-    let contract = checked();
-    assert!(contract.contains("joint_pos_target_unit") && contract.contains("layers of 128, 64, 16"), "{contract}");
+    let said = checked();
+    assert!(said.contains("joint_pos_target_unit") && said.contains("linear layers of 128, 64, 16"), "{said}");
     workplace.run(&format!("{train} --correct --overwrite")).good();
-    let contract = checked();
-    assert!(contract.contains("gait_target_unit") && contract.contains("target of the gait"), "{contract}");
+    let said = checked();
+    assert!(said.contains("gait_target_unit") && said.contains("target of the gait"), "{said}");
     let refused =
         |arguments: &str| workplace.run(&format!("hand train --environments 2 --steps 1 {arguments}")).error();
     assert!(refused("--object cube70 --out made.safetensors").contains("already exists"));

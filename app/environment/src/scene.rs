@@ -62,9 +62,15 @@ impl TurnSettings {
         self.senses.contains(&Sense::Guided)
     }
 
-    /// Returns the contract of the actions.
-    pub(crate) fn contract(&self) -> PolicyContract {
-        let contract = if self.corrects() { PolicyContract::correcting } else { PolicyContract::turning };
+    /// Returns the contract of the policies that observe the senses, as far as these are made of terms of contracts.
+    pub fn contract(&self) -> PolicyContract {
+        let contract = if self.corrects() {
+            PolicyContract::correcting
+        } else if self.senses.contains(&Sense::Sighted) {
+            PolicyContract::sighted
+        } else {
+            PolicyContract::turning
+        };
         contract(&self.hand, self.control_hz)
     }
 }

@@ -94,10 +94,7 @@ impl PolicyTraining {
         let (count, curriculum) = (config.environments, scenes.into());
         let environments = Environments::of_scenes(curriculum.first.clone(), count, true)?;
         let settings = environments.scene().settings();
-        let mut contract = match settings.senses.contains(&Sense::Guided) {
-            true => PolicyContract::correcting(&settings.hand, settings.control_hz),
-            false => PolicyContract::sighted(&settings.hand, settings.control_hz),
-        };
+        let mut contract = settings.contract();
         contract.side = Some(settings.hand.side());
         let size = |sense| environments.scene().shape(sense).iter().product::<usize>();
         let all = settings.senses.iter().map(|&sense| size(sense)).sum();

@@ -55,7 +55,7 @@ fn policy(file: &str, object: &Object, hand: &Hand) -> Result<ChosenController> 
         bail!("{file} corrects the gait that suits an object on the palm, and no gait suits {}", object.name);
     }
     let gait = policy.start(gait, hand);
-    // What the gait does not suit, its corrections may not.
+    // Corrections may not suit an object that the gait does not.
     let misfit = suited.filter(|_| policy.corrects()).and_then(|chosen| chosen.misfit);
     let mover = PolicyController::new(&policy, &Arc::new(hand.clone()), &gait)?;
     Ok(ChosenController {

@@ -35,7 +35,7 @@ pub struct PolicyController {
 }
 
 impl PolicyController {
-    /// Starts a policy on a hand with the gait of [`Policy::start`]: it sets the torque limit, and is what a policy of corrections corrects.
+    /// Starts a policy on a hand with the gait of [`Policy::start`]: it sets the torque limit, and a policy of corrections corrects it.
     ///
     /// # Errors
     /// [`HandError`] if the contract's drives are impossible.
@@ -129,8 +129,11 @@ impl Controller for PolicyController {
     }
 
     fn obey(&mut self, directive: &Directive) -> Result<(), UnknownGait> {
+        if let Some(gait) = &mut self.corrected {
+            gait.obey(directive)?;
+        }
         self.is_held = *directive == Directive::Hold;
-        self.corrected.as_mut().map_or(Ok(()), |gait| gait.obey(directive))
+        Ok(())
     }
 
     fn fault(&self) -> Option<String> {

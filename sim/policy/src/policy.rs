@@ -72,7 +72,7 @@ impl Policy {
     /// Returns the contents of a policy's file and of the file that completes its contract, if there is one.
     ///
     /// # Errors
-    /// [`PolicyError::File`] if a file cannot be read, or is none of a policy.
+    /// [`PolicyError::File`] if a file cannot be read, or is not that of a policy.
     pub fn files(path: &Path) -> Result<(Vec<u8>, String), PolicyError> {
         if path == Path::new(CORRECTED) {
             return Ok((CARRIED.0.to_vec(), CARRIED.1.to_owned()));
