@@ -8,7 +8,6 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use color_quant::NeuQuant;
 use image::RgbImage;
 use mvt_files::output::PartialFile;
-use rayon::prelude::*;
 
 /// Colours of a GIF; the last of 256 indices marks pixels that do not change.
 const COLOURS: usize = 255;
@@ -167,8 +166,9 @@ impl Film {
 /// before.
 pub struct GifWriter<W: Write> {
     encoder: gif::Encoder<W>,
-    /// Index of each colour, by its leading bits.
-    indices: Vec<u8>,
+    palette: NeuQuant,
+    /// Index of each colour in the palette, by its leading bits; found when a picture first has it.
+    indices: Vec<Option<u8>>,
     before: Vec<u8>,
     width: u16,
     height: u16,
@@ -190,17 +190,24 @@ impl<W: Write> GifWriter<W> {
         if rgba.is_empty() {
             return Err(FilmError::NoSamples);
         }
-        let quantiser = NeuQuant::new(SAMPLING, COLOURS, &rgba);
-        let mut palette = quantiser.color_map_rgb();
-        palette.resize(3 * 256, 0);
-        let (mask, half) = ((1 << BITS) - 1, 1 << (7 - BITS));
-        let channel = |key: u32, place: u32| ((((key >> (BITS * place)) & mask) << (8 - BITS)) + half) as u8;
-        let index = |key: u32| quantiser.index_of(&[channel(key, 2), channel(key, 1), channel(key, 0), 255]) as u8;
-        let indices = (0..1u32 << (3 * BITS)).into_par_iter().map(index).collect();
-        let mut encoder = gif::Encoder::new(writer, width, height, &palette)?;
+        let palette = NeuQuant::new(SAMPLING, COLOURS, &rgba);
+        let mut colours = palette.color_map_rgb();
+        colours.resize(3 * 256, 0);
+        let mut encoder = gif::Encoder::new(writer, width, height, &colours)?;
         encoder.set_repeat(gif::Repeat::Infinite)?;
         let delay = (100.0 / rate_hz).round().clamp(2.0, 1000.0) as u16;
-        Ok(Self { encoder, indices, before: Vec::new(), width, height, delay })
+        let indices = vec![None; 1 << (3 * BITS)];
+        Ok(Self { encoder, palette, indices, before: Vec::new(), width, height, delay })
+    }
+
+    /// The index of a colour in the palette.
+    fn index(&mut self, colour: [u8; 3]) -> u8 {
+        let [r, g, b] = colour.map(|c| c >> (8 - BITS));
+        let key = usize::from(r) << (2 * BITS) | usize::from(g) << BITS | usize::from(b);
+        *self.indices[key].get_or_insert_with(|| {
+            let middle = |c: u8| (c << (8 - BITS)) + (1 << (7 - BITS));
+            self.palette.index_of(&[middle(r), middle(g), middle(b), 255]) as u8
+        })
     }
 
     /// Appends a picture.
@@ -208,17 +215,12 @@ impl<W: Write> GifWriter<W> {
     /// # Errors
     /// [`FilmError`] if the picture has another size or cannot be written.
     pub fn push(&mut self, picture: &RgbImage) -> Result<(), FilmError> {
-        let key = |[r, g, b]: &[u8; 3]| {
-            let [r, g, b] = [r, g, b].map(|c| usize::from(*c) >> (8 - BITS));
-            r << (2 * BITS) | g << BITS | b
-        };
         let expected = [self.width, self.height].map(u32::from);
         let found = [picture.width(), picture.height()];
         if found != expected {
             return Err(FilmError::OtherSize { found, expected });
         }
-        let now: Vec<u8> =
-            picture.as_raw().as_chunks::<3>().0.par_iter().map(|pixel| self.indices[key(pixel)]).collect();
+        let now: Vec<u8> = picture.as_raw().as_chunks::<3>().0.iter().map(|colour| self.index(*colour)).collect();
         let (width, height) = (usize::from(self.width), usize::from(self.height));
         let mut frame = gif::Frame { delay: self.delay, dispose: gif::DisposalMethod::Keep, ..gif::Frame::default() };
         if self.before.is_empty() {

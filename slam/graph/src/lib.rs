@@ -1,4 +1,4 @@
-//! A pose graph: poses tied to one another by measured motions, brought into agreement.
+//! A pose graph: poses tied to one another by measured motions, brought into agreement. [`system`] is the problem over the few poses of a window.
 //!
 //! Minimises the sum of |L (log(Z^-1 Ti^-1 Tj))|^2 over all edges by Gauss-Newton, each step solved by preconditioned conjugate
 //! gradients, so that time grows with the number of edges (Dellaert and Kaess, "Factor Graphs for Robot Perception", 2017).
@@ -14,6 +14,8 @@
 //! let [before, after] = optimise(&mut poses, &[edge(0, 1, 1.0), edge(1, 2, 1.0), edge(0, 2, 1.7)]);
 //! assert!(after < before && (poses[2].translation.x - 1.8).abs() < 1e-6);
 //! ```
+
+pub mod system;
 
 use nalgebra as na;
 

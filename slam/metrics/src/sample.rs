@@ -23,20 +23,21 @@ pub fn sample_surface_even(mesh: &Mesh, n: usize, seed: u64) -> Vec<Vec3> {
     let Some(mut sampler) = Sampler::new(mesh, seed) else { return Vec::new() };
     let radius_m = (sampler.area_m2() / (3 * n) as f64).sqrt() as f32;
     let mut points = Vec::with_capacity(n);
-    // Cells as wide as the distance: a point that is too close lies in one of 27.
+    // Cells twice as wide as the distance: a point that is too close lies in one of the eight nearest.
+    let side_m = 2.0 * radius_m;
     let mut cells = HashMap::<IVec3, Vec<Vec3>>::new();
     for _ in 0..3 * n {
         if points.len() == n {
             break;
         }
         let p = sampler.draw();
-        let cell = (p / radius_m).floor().as_ivec3();
-        let crowded = (0..27).any(|k| {
-            let near = cell + IVec3::new(k % 3, k / 3 % 3, k / 9) - 1;
+        let first = (p / side_m - 0.5).floor().as_ivec3();
+        let crowded = (0..8).any(|k| {
+            let near = first + IVec3::new(k & 1, k >> 1 & 1, k >> 2);
             cells.get(&near).is_some_and(|others| others.iter().any(|q| q.distance(p) < radius_m))
         });
         if !crowded {
-            cells.entry(cell).or_default().push(p);
+            cells.entry((p / side_m).floor().as_ivec3()).or_default().push(p);
             points.push(p);
         }
     }

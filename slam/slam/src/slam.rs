@@ -428,23 +428,18 @@ impl Slam {
         state: TrackState,
         spent: Spent,
     ) -> Estimate {
-        let frame = self.frame;
         self.frame += 1;
         self.before_s = Some(scan.time_s);
-        let pose = self.model(self.pose);
-        let Learnt { keyframe, correction, box_change } = learnt;
-        let loop_closed = correction.is_some();
-        let (confidence, deviation) = belief;
         Estimate {
-            frame,
+            frame: self.frame - 1,
             time_s: scan.time_s,
-            pose,
-            confidence,
-            deviation,
+            pose: self.model(self.pose),
+            confidence: belief.0,
+            deviation: belief.1,
             state,
-            keyframe,
-            loop_closed,
-            box_change,
+            keyframe: learnt.keyframe,
+            loop_closed: learnt.correction.is_some(),
+            box_change: learnt.box_change,
             spent,
         }
     }
@@ -475,7 +470,11 @@ impl Slam {
             self.tracker.reset();
         }
         self.push(scan, start);
+        let interval_s = self.interval_s(scan);
         if self.state == TrackState::Tracking {
+            if self.config.tracker.align_reach_m == 0.0 {
+                self.tracker.follow_seen(self.knowledge.reference(), Reach::JERK.over(interval_s));
+            }
             self.tracker.align(self.knowledge.reference(), &|pose| self.knowledge.alike(pose));
         }
         if self.state == TrackState::Tracking && self.config.tracker.colour_weight > 0.0 {
@@ -487,7 +486,7 @@ impl Slam {
             && (self.confidence < self.config.trust.learn_above
                 || tracker.median_residual(reference) > self.config.trust.jerk_sigmas)
         {
-            tracker.look_around(reference, self.pose, Reach::JERK, &mut rng);
+            tracker.look_around(reference, self.pose, Reach::JERK.over(interval_s), &mut rng);
         }
         let Some(mut solution) = tracker.solve(reference) else { return 0.0 };
         let Assessment { mut confidence, .. } = tracker.assess(reference);
@@ -504,7 +503,6 @@ impl Slam {
             return self.search(scan.time_s, solution.pose(), confidence);
         }
         let [distance, angle] = solution.surprise();
-        let interval_s = self.interval_s(scan);
         let is_far = distance > trust.surprise_m_s * interval_s || angle > trust.surprise_rad_s * interval_s;
         let jumped = self.frame > 0 && is_far && confidence < trust.found_above;
         let is_doubtful = confidence < trust.doubt_below;

@@ -7,9 +7,8 @@ mod contact;
 pub(crate) mod icp;
 mod passed;
 mod photometric;
-mod query;
+pub(crate) mod query;
 pub mod relocalise;
-pub(crate) mod system;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -27,9 +26,9 @@ use icp::{Matching, Posed};
 use mvt_field::shape::Shape;
 use mvt_frames::se3;
 use mvt_frames::se3::Twist;
+use mvt_graph::system::{Block, Loss, System, velocity};
 use photometric::Comparison;
-use query::{ask, ask_measured, ask_values, in_model};
-use system::{Block, Loss, System, surface, velocity};
+use query::{ask, ask_measured, ask_values, in_model, surface};
 
 /// A shape to track against.
 pub trait Reference: Shape {

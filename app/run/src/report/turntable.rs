@@ -13,8 +13,8 @@ use mvt_objects::distance::MeshDistance;
 use mvt_objects::object::Object as TrueObject;
 use mvt_picture::film::GifWriter;
 use mvt_picture::palette::{self, ERROR_SCALE_M, Theme};
-use mvt_picture::text;
-use mvt_render::rays::{Caster, Faces, Hits, Instance, MISS, PixelWindow, RayMesh};
+use mvt_picture::raster::{self, Colour, LitMesh, MeshPlacement, Rasteriser};
+use mvt_picture::{draw, text};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -26,8 +26,8 @@ const RATE_HZ: f64 = 12.5;
 const SAMPLED: usize = 12;
 /// Side of either picture, pixels.
 const SIDE: u32 = 240;
-/// Rays per pixel along either side.
-const RAYS: u32 = 2;
+/// Samples per pixel along either side.
+const SAMPLES: u32 = 2;
 /// Height of the strip with the scale, pixels.
 const STRIP: u32 = 34;
 const FOV_RAD: f64 = 0.5;
@@ -82,79 +82,80 @@ impl Turntable<'_> {
     }
 
     fn views(&self) -> Vec<RgbImage> {
-        let (estimate, truth) = (RayMesh::new(self.estimate), RayMesh::new(self.truth));
+        let [estimate, truth] = [self.estimate, self.truth].map(CreasedMesh::new);
         let backdrop = backdrop();
         // The true object fills the picture; parts of the estimate far from it may be cut off.
         let [low, high] = self.truth.bounds_m().map(Vec3::as_dvec3);
         let (centre, radius_m) = (0.5 * (low + high), (0.5 * (high - low).length()).max(1e-3));
         let distance_m = 1.08 * radius_m / (0.5 * FOV_RAD).sin();
-        let error_colour = |triangle: u32, u: f32, v: f32| {
-            let Some(face) = self.estimate.faces.get(estimate.face(triangle) as usize) else { return TRUE_COLOUR };
-            let [a, b, c] = face.map(|k| self.errors_m.get(k as usize).copied().unwrap_or(f32::INFINITY));
-            palette::surface_error((1.0 - u - v) * a + u * b + v * c)
+        let error_colour = |vertex: usize| {
+            raster::colour(palette::surface_error(self.errors_m.get(vertex).copied().unwrap_or(f32::INFINITY)))
         };
-        let view = |k: u32| {
+        let true_colour = raster::colour(TRUE_COLOUR);
+        let view = |raster: &mut Rasteriser, k: u32| {
             let (sin, cos) = (TAU * f64::from(k) / f64::from(VIEWS)).sin_cos();
             let out = Vector3::new(ELEVATION_RAD.cos() * cos, ELEVATION_RAD.cos() * sin, ELEVATION_RAD.sin());
             let target = Vector3::new(centre.x, centre.y, centre.z);
             let world_from_camera = look_at(target + distance_m * out, target, Vector3::z());
             let camera_from_object = world_from_camera.inverse() * Isometry::<Object, World>::identity();
             let mut image = backdrop.clone();
-            let estimate_pose = camera_from_object * self.object_from_estimate;
-            picture(&mut image, 0, &estimate, estimate_pose, error_colour);
-            picture(&mut image, SIDE, &truth, camera_from_object, |_, _, _| TRUE_COLOUR);
+            estimate.draw(raster, camera_from_object * self.object_from_estimate, error_colour, &mut image, 0);
+            truth.draw(raster, camera_from_object, |_| true_colour, &mut image, SIDE);
             image
         };
-        (0..VIEWS).into_par_iter().map(view).collect()
+        (0..VIEWS).into_par_iter().map_init(Rasteriser::default, view).collect()
     }
 }
 
-/// Draws a mesh into the square that begins at column `left`, with light from over the viewer's left shoulder.
-fn picture(
-    image: &mut RgbImage,
-    left: u32,
-    mesh: &RayMesh,
-    camera_from_mesh: Isometry<Object, Camera>,
-    colour: impl Fn(u32, f32, f32) -> Rgb<u8>,
-) {
-    let side = (SIDE * RAYS) as usize;
-    let intrinsics = Intrinsics::from_fov_y(side, side, FOV_RAD);
-    let mut hits = Hits::new(PixelWindow::whole(&intrinsics));
-    let instance = Instance::new(mesh, camera_from_mesh);
-    // Estimated surfaces may be open.
-    Caster::default().cast(&[instance], &intrinsics, Faces::Both, &mut hits);
-    let light = instance.mesh_from_camera() * Vec3A::new(-0.35, 0.5, 0.8).normalize();
-    let back = instance.mesh_from_camera() * Vec3A::Z;
-    let (us, vs) = hits.barycentric();
-    let shaded = |ray: usize| {
-        let triangle = hits.triangle()[ray];
-        (triangle != MISS).then(|| {
-            let (u, v) = (us[ray], vs[ray]);
-            let normal = normal(mesh, triangle, u, v);
-            let normal = if normal.dot(back) < 0.0 { -normal } else { normal };
-            let brightness = 0.45 + 0.6 * normal.dot(light).max(0.0);
-            colour(triangle, u, v).0.map(|c| (f32::from(c) * brightness).min(255.0))
-        })
-    };
-    for (x, y) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (x, y))) {
-        let paper = image.get_pixel(left + x, y).0.map(f32::from);
-        let mut sum = [0.0; 3];
-        for (dx, dy) in (0..RAYS).flat_map(|dy| (0..RAYS).map(move |dx| (dx, dy))) {
-            let ray = ((y * RAYS + dy) * SIDE * RAYS + x * RAYS + dx) as usize;
-            let sample = shaded(ray).unwrap_or(paper);
-            sum.iter_mut().zip(sample).for_each(|(sum, c)| *sum += c);
+/// A mesh that is smooth except where it has an edge.
+struct CreasedMesh {
+    surface: LitMesh,
+    /// The vertex of the mesh for each of the surface.
+    vertices: Vec<usize>,
+}
+
+impl CreasedMesh {
+    /// Faces that meet at an edge get vertices of their own there. Faces with an invalid vertex are left out.
+    fn new(mesh: &Mesh) -> Self {
+        /// Cosine of the smallest angle of an edge, 40 degrees.
+        const EDGE: f32 = 0.77;
+        let smooth = LitMesh::new(mesh);
+        let mut vertices: Vec<usize> = (0..mesh.vertices.len()).collect();
+        let mut creased = mesh.clone();
+        creased.faces.retain(|face| face.iter().all(|&k| (k as usize) < mesh.vertices.len()));
+        for face in &mut creased.faces {
+            let [a, b, c] = face.map(|k| Vec3A::from(mesh.vertices[k as usize]));
+            let flat = (b - a).cross(c - a).normalize_or_zero();
+            for corner in face {
+                let vertex = *corner as usize;
+                if smooth.normals()[vertex].dot(flat) <= EDGE {
+                    *corner = vertices.len() as u32;
+                    vertices.push(vertex);
+                }
+            }
         }
-        image.put_pixel(left + x, y, Rgb(sum.map(|c| (c / (RAYS * RAYS) as f32).round() as u8)));
+        creased.vertices = vertices.iter().map(|&vertex| mesh.vertices[vertex]).collect();
+        Self { surface: LitMesh::new(&creased), vertices }
     }
-}
 
-/// Returns the normal at a point of a triangle: smooth, except at corners where the surface has an edge.
-fn normal(mesh: &RayMesh, triangle: u32, u: f32, v: f32) -> Vec3A {
-    /// Cosine of the smallest angle of an edge, 40 degrees.
-    const EDGE: f32 = 0.77;
-    let flat = mesh.flat_normal(triangle);
-    let [a, b, c] = mesh.corner_normals(triangle).map(|n| if n.dot(flat) > EDGE { n } else { flat });
-    ((1.0 - u - v) * a + u * b + v * c).normalize_or_zero()
+    /// Draws it into the square that begins at column `left`.
+    fn draw(
+        &self,
+        raster: &mut Rasteriser,
+        camera_from_mesh: Isometry<Object, Camera>,
+        colour: impl Fn(usize) -> Colour + Sync,
+        image: &mut RgbImage,
+        left: u32,
+    ) {
+        let side = (SIDE * SAMPLES) as usize;
+        raster.begin(&Intrinsics::from_fov_y(side, side, FOV_RAD), PAPER);
+        let placement = MeshPlacement { camera_from_mesh: camera_from_mesh.to_f32(), is_glass: false, shine: 0.0 };
+        raster.surface(&self.surface, |k| colour(self.vertices[k]), placement);
+        let square = draw::shrink(raster.finish(0.0), SAMPLES);
+        for (x, y, pixel) in square.enumerate_pixels().filter(|(.., pixel)| **pixel != PAPER) {
+            image.put_pixel(left + x, y, *pixel);
+        }
+    }
 }
 
 /// Draws the parts that all views share: names and scale.

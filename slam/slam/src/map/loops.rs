@@ -4,8 +4,8 @@ use nalgebra as na;
 
 use super::Map;
 use crate::tracker::icp::{self, Matching, Posed};
-use crate::tracker::system::System;
 use mvt_frames::{Isometry, se3};
+use mvt_graph::system::System;
 use mvt_graph::{self as graph, Edge};
 
 /// A loop closes over at least this time, seconds: nearer keyframes are tied by tracking.

@@ -4,10 +4,11 @@ use nalgebra as na;
 
 use super::Map;
 use crate::space::Space;
-use crate::tracker::system::{Loss, System, surface};
+use crate::tracker::query::surface;
 use mvt_field::shape::Distance;
 use mvt_field::shape::Shape as _;
 use mvt_frames::{Isometry, se3};
+use mvt_graph::system::{Loss, System};
 
 /// Points of a keyframe's camera and of each touch that take part.
 const POINTS: [usize; 2] = [200, 40];

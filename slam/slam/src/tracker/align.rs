@@ -10,12 +10,12 @@ use super::assess::LEVER_M;
 use super::icp::{self, Matching, Posed};
 use super::photometric::{self, Comparison};
 use super::query::ask_measured;
-use super::system::{Loss, System, along};
 use super::{FINAL_LEVEL, Instant, ROBUST_SIGMAS, Reference, Tracker, WORSE_SIGMAS, to_na};
 use crate::earlier::EarlierView;
 use crate::scan::LEVELS;
 use mvt_frames::se3::Twist;
 use mvt_frames::{Field, Isometry, World, se3};
+use mvt_graph::system::{Loss, System, along};
 
 /// Points that are matched, and how many of them are independent.
 const POINTS: usize = 400;

@@ -2,11 +2,11 @@
 
 use nalgebra as na;
 
-use super::query::{ask_measured, ask_values, in_model, trust_empty};
-use super::system::{Loss, surface};
+use super::query::{ask_measured, ask_values, in_model, surface, trust_empty};
 use super::{ROBUST_SIGMAS, Tracker, sigma, to_na};
 use crate::deviation::Variance;
 use crate::tracker::Reference;
+use mvt_graph::system::Loss;
 
 /// Evidence for a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -11,10 +11,10 @@ use nalgebra as na;
 use mvt_frames::se3::Twist;
 use mvt_frames::{Field, Isometry, World, se3};
 
-use super::system::{Loss, System, along};
 use super::{ROBUST_SIGMAS, apply, to_na};
 use crate::earlier::EarlierView;
 use crate::scan::{LEAST_COSINE, LEVELS, Lens, Level, Patch, Picture, Scan, View};
+use mvt_graph::system::{Loss, System, along};
 
 /// Half the side of a square, pixels of each resolution.
 const RADIUS: usize = 4;

@@ -3,9 +3,9 @@
 use glam::Vec3;
 use nalgebra as na;
 
-use super::system::{Loss, System, along};
 use super::{Instant, ROBUST_SIGMAS, Tracker, interval_s, to_na};
 use crate::scan::{Detail, View};
+use mvt_graph::system::{Loss, System, along};
 
 /// A pad that touches: which one, where it is, where its contact is, and which way its gel faces.
 #[derive(Debug, Clone, Copy)]

@@ -4,9 +4,9 @@
 use glam::Vec3;
 use nalgebra as na;
 
-use super::system::{Loss, System, along};
 use super::{Instant, apply, to_na};
 use crate::scan::Scan;
+use mvt_graph::system::{Loss, System, along};
 
 /// How two frames are matched.
 #[derive(Debug, Clone, Copy)]

@@ -6,10 +6,10 @@
 use nalgebra as na;
 
 use super::icp::Posed;
-use super::system::{Loss, System, along};
 use super::{apply, to_na};
 use crate::scan::{Texel, View};
 use mvt_frames::se3::Twist;
+use mvt_graph::system::{Loss, System, along};
 
 /// Noise of the brightness and its changes with the light, one standard deviation, grey levels.
 const GREY_SIGMA: f64 = 6.0;

@@ -5,6 +5,8 @@ use mvt_field::shape::Distance;
 use nalgebra as na;
 
 use super::{Reference, apply};
+use mvt_frames::se3::Twist;
+use mvt_graph::system::along;
 
 /// Points of the world in the model's frame, their distances, and whether they can be trusted.
 pub(super) fn ask(
@@ -51,4 +53,11 @@ pub(super) fn trust_empty(shape: &dyn Reference, points: &[Vec3], trusted: &mut 
 pub(super) fn in_model(pose: &na::Isometry3<f64>, points: impl Iterator<Item = Vec3>) -> Vec<Vec3> {
     let model_from_world = pose.inverse();
     points.map(|p| apply(&model_from_world, p)).collect()
+}
+
+/// Distance of a measured point from the surface: the value of the shape at T^-1 p, and its derivative by the disturbance of T.
+pub(crate) fn surface(point: Vec3, distance: Distance) -> (f64, Twist) {
+    let gradient = na::Vector3::from(distance.gradient.to_array().map(f64::from));
+    let point = na::Vector3::from(point.to_array().map(f64::from));
+    (f64::from(distance.value_m), -along(gradient, point))
 }

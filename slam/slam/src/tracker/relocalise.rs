@@ -8,8 +8,10 @@ use rand_chacha::ChaCha8Rng;
 
 use super::align::is_apart;
 use super::assess::Assessment;
-use super::query::{ask, ask_measured};
-use super::{Instant, Loss, Reference, Solution, System, Tracker, UNSEEN_COSTS_M, sigma, surface, to_na, to_vec};
+use super::query::{ask, ask_measured, in_model};
+use super::{
+    Instant, Loss, Measured, Reference, Solution, System, Tracker, UNSEEN_COSTS_M, sigma, surface, to_na, to_vec,
+};
 use mvt_frames::se3;
 use mvt_frames::se3::Twist;
 
@@ -75,7 +77,18 @@ impl Reach {
     pub const JERK: Self = Self { candidates: 200, turn_rad: 0.7, shift_m: 0.008, sigma: [0.005, 0.2] };
     /// Of an object that was lost a few frames ago.
     pub const ASTRAY: Self = Self { candidates: 500, turn_rad: 1.2, shift_m: 0.02, sigma: [0.015, 0.5] };
+
+    /// The reach between two frames, of one that holds for 1/30 s.
+    pub fn over(self, interval_s: f64) -> Self {
+        let by = (30.0 * interval_s).clamp(1.0, LONGEST_REACH);
+        Self { shift_m: by * self.shift_m, sigma: self.sigma.map(|sigma| by * sigma), ..self }
+    }
 }
+
+/// Over longer times, in 1/30 s, an object goes no farther: it stays in the hand.
+const LONGEST_REACH: f64 = 4.0;
+/// An object has gone with what is seen of it if so many more of the measurements then lie where it was seen before, as a share.
+const SEEN_BEFORE: f64 = 0.03;
 
 /// Rounds of the search around a pose.
 const LOCAL_ROUNDS: [Round; 2] =
@@ -157,6 +170,25 @@ impl Tracker {
         found
     }
 
+    /// Moves the newest frame along with what is seen of it, if the shape fits better there. A face of which a part was seen slides along itself
+    /// without a cost, except for the points that come to lie where nothing was seen: these draw no pose.
+    pub(crate) fn follow_seen(&mut self, shape: &dyn Reference, reach: Reach) {
+        let mut instants = self.window.iter().rev();
+        let (Some(newest), Some(before)) = (instants.next(), instants.next()) else { return };
+        let expected = newest.pose * before.pose.inverse() * na::Point3::from(middle(before));
+        let shifted = na::Translation3::from(middle(newest) - expected.coords) * newest.pose;
+        let gained = || seen_before(newest, shape, &shifted) - seen_before(newest, shape, &newest.pose);
+        if !newest.is_seen() || gained() < SEEN_BEFORE {
+            return;
+        }
+        let near = Near { pose: newest.pose, sigma: reach.sigma };
+        let [expected, shifted] =
+            [newest.pose, shifted].map(|pose| refine(newest, shape, pose, &LOCAL_ROUNDS[1], Some(&near)));
+        if let Some(newest) = self.window.back_mut().filter(|_| shifted.cost < expected.cost) {
+            newest.pose = shifted.pose;
+        }
+    }
+
     /// Moves the newest frame to the best pose around where it is, `previous` included. For jerks that the solver alone would not
     /// follow, because it only sees a few millimetres far.
     pub(crate) fn look_around(
@@ -169,9 +201,6 @@ impl Tracker {
         let Some(instant) = self.window.back() else { return };
         let start = instant.pose;
         let previous = previous.untyped();
-        let middle = |instant: &Instant| {
-            to_na(instant.measured.iter().map(|m| m.point).sum::<Vec3>() / instant.measured.len().max(1) as f32)
-        };
         let seen = middle(instant);
         // The pose before, carried along with the seen points; pads stay where they are while the object moves under them.
         let before = self.window.iter().rev().nth(1).filter(|_| instant.is_seen()).map_or(seen, middle);
@@ -218,6 +247,21 @@ impl Tracker {
             self.window.push_back(newest);
         }
     }
+}
+
+/// The middle of what was measured of the object.
+fn middle(instant: &Instant) -> na::Vector3<f64> {
+    to_na(instant.measured.iter().map(|m| m.point).sum::<Vec3>() / instant.measured.len().max(1) as f32)
+}
+
+/// The share of the measurements that lie, at a pose, where the surface was seen before.
+fn seen_before(instant: &Instant, shape: &dyn Reference, pose: &na::Isometry3<f64>) -> f64 {
+    let points = in_model(pose, instant.measured.iter().map(|m| m.point));
+    let mut trusted = vec![false; points.len()];
+    shape.trusted(&points, &mut trusted);
+    let share = |(m, trusted): (&Measured, bool)| if trusted { m.share } else { 0.0 };
+    let all: f64 = instant.measured.iter().map(|m| m.share).sum();
+    instant.measured.iter().zip(trusted).map(share).sum::<f64>() / all.max(f64::MIN_POSITIVE)
 }
 
 /// Where the object was, and how far it may have gone since, one standard deviation, metres and radians.

@@ -132,6 +132,20 @@ fn check(mut tracker: Tracker, shape: &dyn Reference, scale: f64, tolerance: f64
 }
 
 #[test]
+fn a_distance_falls_as_its_derivative_says() {
+    const STEP: f64 = 1e-6;
+    // A distance that is linear in space: f(x) = d . x.
+    let (at, p, d) = (pose([0.1, -0.2, 0.3], [12.0, -7.0, 15.0]).untyped(), Vec3::new(0.03, -0.05, 0.02), Vec3::ONE);
+    let inside = |at: &na::Isometry3<f64>| at.inverse_transform_point(&to_na(p).into()).coords;
+    let (_, found) = query::surface(to_vec(inside(&at)), Distance { value_m: 0.0, gradient: d });
+    for i in 0..6 {
+        let disturbed = |sign: f64| to_na(d).dot(&inside(&(at * se3::exp(&(sign * STEP * Twist::ith(i, 1.0))))));
+        let expected = (disturbed(1.0) - disturbed(-1.0)) / (2.0 * STEP);
+        assert!((found[i] - expected).abs() < 1e-5, "{i}: {} {expected}", found[i]);
+    }
+}
+
+#[test]
 fn surface_residuals() {
     for config in [TrackerConfig { camera_weight: 1.3, ..nothing() }, TrackerConfig { touch_weight: 0.7, ..nothing() }]
     {

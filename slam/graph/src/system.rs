@@ -3,10 +3,8 @@
 //! Every residual is a number divided by its standard deviation, so that its square is its weight. A pose is disturbed on the
 //! right, in the model's frame: T <- T exp(d), d = (v, w).
 
-use glam::Vec3;
 use nalgebra as na;
 
-use mvt_field::shape::Distance;
 use mvt_frames::se3;
 use mvt_frames::se3::Twist;
 
@@ -115,13 +113,6 @@ pub fn along(direction: na::Vector3<f64>, point: na::Vector3<f64>) -> Twist {
     twist(direction, point.cross(&direction))
 }
 
-/// Distance of a measured point from the surface: the value of the shape at T^-1 p, and its derivative by the disturbance of T.
-pub fn surface(point: Vec3, distance: Distance) -> (f64, Twist) {
-    let gradient = na::Vector3::from(distance.gradient.to_array().map(f64::from));
-    let point = na::Vector3::from(point.to_array().map(f64::from));
-    (f64::from(distance.value_m), -along(gradient, point))
-}
-
 /// Change of motion over three frames: Log(T1^-1 T2) - k Log(T0^-1 T1), with its derivatives by the disturbances of T0, T1 and T2.
 /// With `keep` k below 1, motion that nothing measures dies away.
 pub fn velocity(t: [&na::Isometry3<f64>; 3], keep: f64) -> (Twist, [na::Matrix6<f64>; 3]) {
@@ -160,13 +151,6 @@ mod tests {
         ) {
             let t = poses.map(motion);
             let (p, d) = (na::Vector3::from(p), na::Vector3::from(d));
-
-            // A distance that is linear in space: f(x) = d . x.
-            let inside = t[0].inverse_transform_point(&p.into()).coords;
-            let as_vec = |v: na::Vector3<f64>| Vec3::new(v.x as f32, v.y as f32, v.z as f32);
-            let (_, j) = surface(as_vec(inside), Distance { value_m: 0.0, gradient: as_vec(d) });
-            let expected = slopes(&t[0], |t| d.dot(&t.inverse_transform_point(&p.into()).coords));
-            prop_assert!((j - expected).norm() < 1e-5 * (1.0 + expected.norm()), "{j} {expected}");
 
             let m = t[0].rotation.inverse() * d;
             let expected = slopes(&t[0], |t| d.dot(&(t * na::Point3::from(p)).coords));
