@@ -11,7 +11,6 @@ use image::RgbImage;
 use indicatif::ProgressBar;
 use mvt_feelsight::{Log, LogFormat};
 use mvt_frames::camera::PosedCamera;
-use mvt_gaits::gait;
 use mvt_objects::catalogue;
 use mvt_objects::object::Object;
 use mvt_recording::{About, Recording, RecordingWriter, VERSION};
@@ -20,12 +19,13 @@ use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{Hand, Side, TouchPad};
 use mvt_robot::rig::PLACEMENTS;
 use mvt_run::config::RunConfig;
-use mvt_run::estimator::{Init, Mode};
+use mvt_run::estimator::Mode;
 use mvt_run::input::Input;
-use mvt_run::pipeline::{EstimatorSetup, Meshing, Pipeline, Progress};
+use mvt_run::pipeline::Progress;
 use mvt_run::source::{LogSource, Modality, Source as _, TouchArguments, TouchOrigin};
 use mvt_simulated::recorder::{NoiseLevel, Recorder, Settings};
-use mvt_simulated::{Fault, SimulatedSettings, SimulatedSource};
+
+use crate::{pipeline, source};
 
 /// A flat gel of 12 x 16 mm, 20 mm before a camera with images of 128 x 96 pixels.
 fn flat() -> SensorProfile {
@@ -49,28 +49,9 @@ fn cameras(hand: &Hand) -> Vec<PosedCamera> {
     vec![PLACEMENTS[3].camera(hand)]
 }
 
-fn source(duration_s: f64) -> SimulatedSource {
-    let (object, hand, config) = (object(), hand(), RunConfig::default());
-    let settings = SimulatedSettings {
-        gait: gait::choose("auto", &object, &hand).unwrap().1.clone(),
-        mover: None,
-        schedule: Default::default(),
-        seed: 0,
-        duration_s,
-        cameras: cameras(&hand),
-        camera_noise: config.camera_noise,
-        perception: config.perception(),
-        modality: Modality::Vitac,
-        hidden_every: None,
-        fault: Fault::default(),
-        hand,
-    };
-    SimulatedSource::new(&object, settings, None).unwrap()
-}
-
 #[test]
 fn each_pad_is_rendered_estimated_and_recorded_with_its_own_sensor() {
-    let mut source = source(2.0);
+    let mut source = source(&object(), &hand(), Modality::Vitac, 0, 2.0);
     let hand = Arc::clone(source.hand());
     assert!(hand.is_allegro());
     let folder = tempfile::tempdir().unwrap();
@@ -87,22 +68,7 @@ fn each_pad_is_rendered_estimated_and_recorded_with_its_own_sensor() {
     };
     let writer = RecordingWriter::create(folder.path(), &about, None).unwrap();
     let config = RunConfig::default();
-    let setup = EstimatorSetup {
-        config: &config.slam,
-        mode: Mode::Slam,
-        modality: Modality::Vitac,
-        init: Init::Near,
-        seed: 0,
-        map: None,
-    };
-    let pipeline = Pipeline {
-        estimators: vec![setup],
-        meshing: Meshing { cell_m: 0.003, every: None },
-        object: None,
-        truth: None,
-        supervisor: None,
-        single_threaded: true,
-    };
+    let pipeline = pipeline(&config, Modality::Vitac, 0);
     let mut flat_contacts = 0;
     let finished = pipeline.run(&mut source, &AtomicBool::new(false), &mut |progress| {
         if let Progress::Frame { sensed, .. } = &progress {

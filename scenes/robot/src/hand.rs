@@ -190,6 +190,8 @@ impl Hand {
     pub fn with_profiles(&self, profile: impl Fn(&TouchPad) -> SensorProfile) -> Arc<Self> {
         let mut hand = self.clone();
         hand.description.pads.iter_mut().for_each(|pad| pad.profile = profile(pad));
+        // Those of the sensors before may have been asked for.
+        hand.gel_views = OnceLock::new();
         Arc::new(hand)
     }
 
@@ -445,6 +447,14 @@ mod tests {
             assert_eq!(hand.pad_chain(3), [12, 13, 14, 15]);
             assert_eq!(hand.limbs[0..7], [0, 1, 1, 1, 1, 1, 2]);
         }
+    }
+
+    #[test]
+    fn other_sensors_have_views_of_their_own() {
+        let hand = Hand::allegro(Side::Left);
+        assert_eq!(hand.gel_views()[0], SensorProfile::tacto().gel_view());
+        let other = SensorProfile::load("gelsight_mini").unwrap();
+        assert_eq!(hand.with_profile(&other).gel_views()[0], other.gel_view());
     }
 
     #[test]

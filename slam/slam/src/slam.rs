@@ -472,9 +472,6 @@ impl Slam {
         self.push(scan, start);
         let interval_s = self.interval_s(scan);
         if self.state == TrackState::Tracking {
-            if self.config.tracker.align_reach_m == 0.0 {
-                self.tracker.follow_seen(self.knowledge.reference(), Reach::JERK.over(interval_s));
-            }
             self.tracker.align(self.knowledge.reference(), &|pose| self.knowledge.alike(pose));
         }
         if self.state == TrackState::Tracking && self.config.tracker.colour_weight > 0.0 {

@@ -121,9 +121,9 @@ impl CreasedMesh {
         const EDGE: f32 = 0.77;
         let smooth = LitMesh::new(mesh);
         let mut vertices: Vec<usize> = (0..mesh.vertices.len()).collect();
-        let mut creased = mesh.clone();
-        creased.faces.retain(|face| face.iter().all(|&k| (k as usize) < mesh.vertices.len()));
-        for face in &mut creased.faces {
+        let is_whole = |face: &&[u32; 3]| face.iter().all(|&k| (k as usize) < mesh.vertices.len());
+        let mut faces: Vec<[u32; 3]> = mesh.faces.iter().filter(is_whole).copied().collect();
+        for face in &mut faces {
             let [a, b, c] = face.map(|k| Vec3A::from(mesh.vertices[k as usize]));
             let flat = (b - a).cross(c - a).normalize_or_zero();
             for corner in face {
@@ -134,7 +134,7 @@ impl CreasedMesh {
                 }
             }
         }
-        creased.vertices = vertices.iter().map(|&vertex| mesh.vertices[vertex]).collect();
+        let creased = Mesh { vertices: vertices.iter().map(|&vertex| mesh.vertices[vertex]).collect(), faces };
         Self { surface: LitMesh::new(&creased), vertices }
     }
 

@@ -38,10 +38,14 @@ const FEWEST_MATCHES: usize = 30;
 
 impl Tracker {
     /// Moves the newest frame to where it lies on the frame before and on earlier views that are `alike`, unless the shape speaks against it.
-    /// Without a reach it stays, and is compared with these views only.
+    /// Without a reach it moves along with its seen points at most, and is compared with these views only.
     pub(crate) fn align(&mut self, shape: &dyn Reference, alike: &dyn Fn(Isometry<Field, World>) -> Vec<EarlierView>) {
+        let is_near = self.config.align_reach_m == 0.0;
+        if is_near {
+            self.follow_seen(shape);
+        }
         let Some(start) = self.window.back().map(|newest| newest.pose) else { return };
-        if self.config.align_reach_m == 0.0 {
+        if is_near {
             if self.config.texel_weight > 0.0 {
                 self.place(start, alike);
             }

@@ -10,7 +10,8 @@ use super::align::is_apart;
 use super::assess::Assessment;
 use super::query::{ask, ask_measured, in_model};
 use super::{
-    Instant, Loss, Measured, Reference, Solution, System, Tracker, UNSEEN_COSTS_M, sigma, surface, to_na, to_vec,
+    Instant, Loss, Measured, Reference, Solution, System, Tracker, UNSEEN_COSTS_M, interval_s, sigma, surface, to_na,
+    to_vec,
 };
 use mvt_frames::se3;
 use mvt_frames::se3::Twist;
@@ -87,7 +88,7 @@ impl Reach {
 
 /// Over longer times, in 1/30 s, an object goes no farther: it stays in the hand.
 const LONGEST_REACH: f64 = 4.0;
-/// An object has gone with what is seen of it if so many more of the measurements then lie where it was seen before, as a share.
+/// An object has gone with its seen points if so many more of them then lie where the surface was seen before, as a share.
 const SEEN_BEFORE: f64 = 0.03;
 
 /// Rounds of the search around a pose.
@@ -170,9 +171,9 @@ impl Tracker {
         found
     }
 
-    /// Moves the newest frame along with what is seen of it, if the shape fits better there. A face of which a part was seen slides along itself
+    /// Moves the newest frame along with its seen points, if the shape fits better there. A face of which a part was seen slides along itself
     /// without a cost, except for the points that come to lie where nothing was seen: these draw no pose.
-    pub(crate) fn follow_seen(&mut self, shape: &dyn Reference, reach: Reach) {
+    pub(crate) fn follow_seen(&mut self, shape: &dyn Reference) {
         let mut instants = self.window.iter().rev();
         let (Some(newest), Some(before)) = (instants.next(), instants.next()) else { return };
         let expected = newest.pose * before.pose.inverse() * na::Point3::from(middle(before));
@@ -181,6 +182,7 @@ impl Tracker {
         if !newest.is_seen() || gained() < SEEN_BEFORE {
             return;
         }
+        let reach = Reach::JERK.over(interval_s(before.scan.time_s, newest.scan.time_s));
         let near = Near { pose: newest.pose, sigma: reach.sigma };
         let [expected, shifted] =
             [newest.pose, shifted].map(|pose| refine(newest, shape, pose, &LOCAL_ROUNDS[1], Some(&near)));
@@ -249,7 +251,7 @@ impl Tracker {
     }
 }
 
-/// The middle of what was measured of the object.
+/// The middle of the measured points.
 fn middle(instant: &Instant) -> na::Vector3<f64> {
     to_na(instant.measured.iter().map(|m| m.point).sum::<Vec3>() / instant.measured.len().max(1) as f32)
 }

@@ -1,6 +1,7 @@
 use glam::Vec3;
 use mvt_frames::Camera;
 use mvt_frames::camera::look_at;
+use proptest::prelude::*;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
@@ -131,17 +132,23 @@ fn check(mut tracker: Tracker, shape: &dyn Reference, scale: f64, tolerance: f64
     assert!(off < tolerance * expected.amax(), "off by {off} of {}:{found}{expected}", expected.amax());
 }
 
-#[test]
-fn a_distance_falls_as_its_derivative_says() {
-    const STEP: f64 = 1e-6;
-    // A distance that is linear in space: f(x) = d . x.
-    let (at, p, d) = (pose([0.1, -0.2, 0.3], [12.0, -7.0, 15.0]).untyped(), Vec3::new(0.03, -0.05, 0.02), Vec3::ONE);
-    let inside = |at: &na::Isometry3<f64>| at.inverse_transform_point(&to_na(p).into()).coords;
-    let (_, found) = query::surface(to_vec(inside(&at)), Distance { value_m: 0.0, gradient: d });
-    for i in 0..6 {
-        let disturbed = |sign: f64| to_na(d).dot(&inside(&(at * se3::exp(&(sign * STEP * Twist::ith(i, 1.0))))));
-        let expected = (disturbed(1.0) - disturbed(-1.0)) / (2.0 * STEP);
-        assert!((found[i] - expected).abs() < 1e-5, "{i}: {} {expected}", found[i]);
+proptest! {
+    #[test]
+    fn the_derivative_of_a_distance_is_that_of_finite_differences(
+        at in prop::array::uniform6(-0.3..0.3f64),
+        p in prop::array::uniform3(-0.05..0.05f64),
+        d in prop::array::uniform3(-1.0..1.0f64),
+    ) {
+        const STEP: f64 = 1e-6;
+        let (at, p, d) = (se3::exp(&Twist::from(at)), na::Point3::from(p), na::Vector3::from(d));
+        // A distance that is linear in space: f(x) = d . x.
+        let inside = |at: &na::Isometry3<f64>| at.inverse_transform_point(&p).coords;
+        let (_, found) = query::surface(to_vec(inside(&at)), Distance { value_m: 0.0, gradient: to_vec(d) });
+        let expected = Twist::from_fn(|i, _| {
+            let disturbed = |sign: f64| d.dot(&inside(&(at * se3::exp(&(sign * STEP * Twist::ith(i, 1.0))))));
+            (disturbed(1.0) - disturbed(-1.0)) / (2.0 * STEP)
+        });
+        prop_assert!((found - expected).norm() < 1e-5 * (1.0 + expected.norm()), "{found} {expected}");
     }
 }
 
