@@ -31,8 +31,6 @@ if [ $step = track ] && [ $# = 0 ]; then
     held_out=$("$python" -c 'import tomllib; print(*(name for name, of in tomllib.load(open("benches/rgbd/sequences.toml", "rb")).items() if isinstance(of, dict) and of.get("half") == "held_out"))')
     # shellcheck disable=SC2086
     set -- --only $held_out
-    # That of speed.py.
-    "$python" $here/render.py "$out/sequences" --only picked_cracker
 fi
 "$python" $here/render.py "$out/sequences" "$@"
 case $step in
