@@ -93,8 +93,7 @@ fn a_bag_gives_what_the_same_frames_in_a_folder_give() {
     let apart = values("of_bag").into_iter().zip(values("of_imported")).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!(apart < 1e-9 && values("of_bag").len() == values("of_imported").len(), "{apart}");
     assert!(workplace.run("import folder --out imported").error().contains("not empty"));
-    let again: serde_json::Value =
-        serde_json::from_str(&workplace.run("import folder --out again --json").good()).unwrap();
+    let again: serde_json::Value = workplace.run("import folder --out again --json").json();
     assert_eq!([&again["frames"], &again["masks"], &again["object_poses"]], [9, 9, 9], "{again}");
 
     // The folder of a bag, with masks that were drawn later, named by stamps.

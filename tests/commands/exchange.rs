@@ -37,8 +37,7 @@ fn an_imported_log_gives_the_same_run() {
     assert!(said.contains("next: `mambavitact run --log again`"), "{said}");
     assert!(workplace.run("inspect again").good().contains("complete: time is up"));
     let run = |log: &str| {
-        let said = workplace.run(&format!("run --log {log} --out run-{} --quiet --json", log.len())).good();
-        let summary: serde_json::Value = serde_json::from_str(&said).unwrap();
+        let summary = workplace.run(&format!("run --log {log} --out run-{} --quiet --json", log.len())).json();
         [&summary["f_score"]["5"], &summary["add_s_mm"]["mean"]].map(|score| score.as_f64().unwrap())
     };
     let ([shape, pose], [again_shape, again_pose]) = (run("set/cube70/00"), run("again"));

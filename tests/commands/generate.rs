@@ -36,8 +36,7 @@ fn logs_are_laid_out_by_object_and_number() {
         let summary = workplace.run(&format!("inspect {log}")).good();
         assert!(summary.contains("complete: time is up") && summary.contains("side, 640 x 480"), "{summary}");
     }
-    let summary = workplace.run("inspect --json set/cube70/01").good();
-    let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+    let summary = workplace.run("inspect --json set/cube70/01").json();
     assert_eq!((&summary["object"], &summary["frames"]), (&"cube70".into(), &12.into()));
 
     // The same command again finds complete logs and changes nothing.

@@ -12,7 +12,7 @@ fn a_cube_tumbles_and_the_old_option_does_the_same() {
     let workplace = Workplace::new();
     let simulate = |option: &str| -> Value {
         let line = format!("simulate --json --object cube70 --duration 8 --seed 5 {option} tumble_back");
-        serde_json::from_str(&workplace.run(&line).good()).unwrap()
+        workplace.run(&line).json()
     };
     let outcome = simulate("--controller");
     assert_eq!(outcome["gait"], "tumble_back");
@@ -42,8 +42,7 @@ fn a_tuned_controller_is_a_file_that_other_commands_play() {
     assert!(text.contains("made by `mambavitact hand tune --object cube70 --axis -y"), "{text}");
 
     workplace.run("simulate --object cube70 --duration 1 --controller tuned.toml").good();
-    let score = workplace.run("hand score --object cube70 --controller tuned.toml --scored-starts 1 --json").good();
-    let score: Value = serde_json::from_str(&score).unwrap();
+    let score = workplace.run("hand score --object cube70 --controller tuned.toml --scored-starts 1 --json").json();
     assert_eq!((&score["axis"], &score["starts"]), (&Value::from("-y"), &Value::from(1)));
     // An object of another size is played with a warning.
     let warning = workplace.run("simulate --object large_dice --duration 0.2 --controller tuned.toml").warned();
@@ -75,7 +74,7 @@ fn controllers_follow_one_another_on_a_schedule() {
     let simulate = |controller: &str| {
         workplace.run(&format!("simulate --json --object cube70 --duration 8 --controller {controller}"))
     };
-    let outcome: Value = serde_json::from_str(&simulate("tumble_back:4,cubelet:4").good()).unwrap();
+    let outcome = simulate("tumble_back:4,cubelet:4").json();
     assert_eq!((&outcome["gait"], &outcome["survived_s"]), (&"tumble_back:4,cubelet:4".into(), &8.0.into()));
     for wrong in ["tumble_back:8,cubelet", "tumble_back:1,cubelet:8", "tumble_back:8,cubelet:x"] {
         assert!(simulate(wrong).error().contains("such as tumble_back:8,cubelet:8"));
@@ -125,14 +124,13 @@ fn a_survey_plays_only_what_its_file_lacks() {
 #[test]
 fn a_ball_is_held_in_the_air_by_its_place() {
     let workplace = Workplace::new();
-    let said = workplace.run("simulate --json --object ball --duration 4 --seed 1 --controller air_ball").good();
-    let air = &serde_json::from_str::<Value>(&said).unwrap()["in_air"];
+    let outcome = workplace.run("simulate --json --object ball --duration 4 --seed 1 --controller air_ball").json();
+    let air = &outcome["in_air"];
     assert!(air["least_height_mm"].as_f64().unwrap() >= 30.0, "{air}");
     assert_eq!((&air["lowered_at_s"], air["net_rad"].as_array().unwrap().len()), (&Value::Null, 3));
     let said = workplace.run("simulate --object ball --duration 2 --seed 1 --controller air_ball").good();
     assert!(said.contains("in the air it was at least"), "{said}");
-    let palm = workplace.run("simulate --json --object ball --duration 0.5").good();
-    assert_eq!(serde_json::from_str::<Value>(&palm).unwrap().get("in_air"), None);
+    assert_eq!(workplace.run("simulate --json --object ball --duration 0.5").json().get("in_air"), None);
     let line =
         workplace.run("controllers").good().lines().find(|line| line.starts_with("air_ball ")).map(str::to_owned);
     assert!(line.is_some_and(|line| line.contains(" -x ")));
@@ -169,8 +167,7 @@ fn grasps_are_a_file_from_which_a_controller_is_tuned() {
 #[test]
 fn the_speed_of_the_search_is_compared_with_mujoco_alone() {
     let workplace = Workplace::new();
-    let speed = workplace.run("hand speed --object cube70 --starts 1 --rounds 1 --json").good();
-    let speed: serde_json::Value = serde_json::from_str(&speed).unwrap();
+    let speed = workplace.run("hand speed --object cube70 --starts 1 --rounds 1 --json").json();
     let per_s = |key: &str| speed[key].as_f64().unwrap();
     assert!(per_s("search_steps_per_s") > 0.0 && per_s("bare_steps_per_s") > 0.0, "{speed}");
     // A trial of 10 s has 250 commands of 6 steps, unless the object falls.

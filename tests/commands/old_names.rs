@@ -31,7 +31,7 @@ fn eval_touch_prints_the_same_scores_as_touch_evaluate() {
     workplace.run("touch data --objects large_dice --images 2 --out images").good();
     let scores = |command: &str, subtraction: &str| -> Value {
         let line = format!("{command} --weights {} --data images --json {subtraction}", weights());
-        let mut scores: Value = serde_json::from_str(&workplace.run(&line).good()).unwrap();
+        let mut scores = workplace.run(&line).json();
         assert!(scores["ms_per_image"].take().as_f64().unwrap() > 0.0);
         scores
     };

@@ -35,10 +35,10 @@ fn a_policy_is_checked_and_played_by_simulate_and_run() {
         assert!(contract.contains(part), "{part}: {contract}");
     }
     let played =
-        || workplace.run("simulate --json --object cube70 --duration 2 --controller policy.safetensors").good();
-    let outcome: Value = serde_json::from_str(&played()).unwrap();
+        || workplace.run("simulate --json --object cube70 --duration 2 --controller policy.safetensors").json();
+    let outcome = played();
     assert_eq!(outcome["gait"], "policy.safetensors");
-    assert_eq!(outcome, serde_json::from_str::<Value>(&played()).unwrap());
+    assert_eq!(outcome, played());
     let run = "run --object cube70 --duration 0.2 --quiet --controller policy.safetensors --out out";
     workplace.run(run).good();
     assert!(workplace.path("out/summary.json").exists());
@@ -49,7 +49,7 @@ fn a_policy_is_scored_evaluated_and_recorded() {
     let workplace = Workplace::new();
     write(&workplace, "25");
     let score = "hand score --json --object cube70 --scored-starts 2 --controller policy.safetensors";
-    let outcome: Value = serde_json::from_str(&workplace.run(score).good()).unwrap();
+    let outcome = workplace.run(score).json();
     assert!(outcome["controller"] == "policy.safetensors" && outcome["starts"] == 2, "{outcome}");
     let steps = workplace.run(&format!("{score} --steps 24")).error();
     assert!(steps.contains("leave --steps out"), "{steps}");

@@ -1,14 +1,12 @@
 //! Rigs that the program brings along and that need no download: their controllers, and a log and a run of each.
 
-use serde_json::Value;
-
 use crate::workplace::Workplace;
 
 #[test]
 fn each_rig_has_a_controller_that_holds_the_object() {
     for (rig, pads) in [("three_fingers", 3), ("gripper_gelsight", 2)] {
         let line = format!("simulate --json --rig {rig} --object cube70 --duration 3");
-        let outcome: Value = serde_json::from_str(&Workplace::new().run(&line).good()).unwrap();
+        let outcome = Workplace::new().run(&line).json();
         assert_eq!(outcome["survived_s"], 3.0, "{rig}: {outcome}");
         assert_eq!(outcome["per_pad_contact"].as_array().unwrap().len(), pads, "{rig}: {outcome}");
         assert!(outcome["any_contact_fraction"].as_f64().unwrap() > 0.2, "{rig}: {outcome}");

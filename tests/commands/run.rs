@@ -66,7 +66,7 @@ fn a_closed_loop_reconstructs_and_tracks() {
         assert!(summary["stage_ms"][stage].as_f64().unwrap() > 0.0, "{summary}");
     }
     // `score` computes the same from the files.
-    let again: Value = serde_json::from_str(&workplace.run("score --run out --json").good()).unwrap();
+    let again = workplace.run("score --run out --json").json();
     let difference =
         again["pose"]["add_s_mm"]["mean"].as_f64().unwrap() - summary["add_s_mm"]["mean"].as_f64().unwrap();
     assert!(difference.abs() < 1e-6, "{again}");

@@ -22,8 +22,7 @@ fn digit_point(u: f64, v: f64) -> mvt_frames::Point<mvt_frames::Gel> {
 #[test]
 fn networks_are_counted() {
     let workplace = Workplace::new();
-    let text = workplace.run("touch describe vit --input 224 --json").good();
-    let description: Value = serde_json::from_str(&text).unwrap();
+    let description = workplace.run("touch describe vit --input 224 --json").json();
     let parts = description["parts"].as_array().unwrap();
     for count in ["parameters", "macs", "activation_bytes"] {
         let sum: u64 = parts.iter().map(|part| part[count].as_u64().unwrap()).sum();
@@ -50,7 +49,7 @@ fn networks_are_counted() {
 fn networks_are_timed() {
     let workplace = Workplace::new();
     let line = format!("bench networks --weights {} --input 64x48 --batch 1,3 --seconds 0 --json", weights());
-    let figures: Value = serde_json::from_str(&workplace.run(&line).good()).unwrap();
+    let figures = workplace.run(&line).json();
     let figures = figures.as_array().unwrap();
     assert_eq!(figures.len(), 4, "two batches on one and two threads");
     assert!(figures.iter().all(|figure| figure["images_per_second"].as_f64().unwrap() > 0.0), "{figures:?}");
@@ -116,17 +115,14 @@ fn weights_are_scored_on_images_with_known_depth() {
     let line = format!("touch evaluate --weights {} --data triples --json", weights());
     assert!(workplace.run(&line).error().contains("a_depth_m.npy"), "the depth is missing");
     npy::write_f32(&folder.join("a_depth_m.npy"), &depth);
-    let scores: Value = serde_json::from_str(&workplace.run(&line).good()).unwrap();
+    let scores = workplace.run(&line).json();
     let score = |name: &str| scores[name].as_f64().unwrap();
     assert_eq!((score("images"), score("contact_images")), (1.0, 1.0));
     assert!(score("mae_mm") <= score("rmse_mm") && score("contact_mae_mm") <= score("contact_rmse_mm"), "{scores}");
     assert!((0.0..=1.0).contains(&score("iou")) && score("ms_per_image") > 0.0, "{scores}");
 
     // The size of the sensor does not change the scores; another size does.
-    let at = |size: &str| {
-        let scores = workplace.run(&format!("{line} --input {size}")).good();
-        serde_json::from_str::<Value>(&scores).unwrap()["mae_mm"].as_f64().unwrap()
-    };
+    let at = |size: &str| workplace.run(&format!("{line} --input {size}")).json()["mae_mm"].as_f64().unwrap();
     assert!((at("240x320") - score("mae_mm")).abs() < 1e-6 && at("112x160") != score("mae_mm"));
 
     image::RgbImage::new(240, 240).save(folder.join("a_img.png")).unwrap();
@@ -161,7 +157,7 @@ fn presses_are_rendered_for_the_scoring_of_networks() {
     }
     let score = |folder: &str, rest: &str| -> Value {
         let line = format!("touch evaluate --weights {} --data {folder} --json {rest}", weights());
-        serde_json::from_str(&workplace.run(&line).good()).unwrap()
+        workplace.run(&line).json()
     };
     let scores = score("a", "");
     assert_eq!([&scores["contact_images"], &scores["untouched"]["file"]], [4, 4]);
@@ -199,6 +195,12 @@ fn units_that_no_training_has_seen_are_read() {
     let (said, readings) = run("1");
     assert!(said.contains("\"readings\": 6") && readings.lines().count() == 6, "{said}\n{readings}");
     assert_eq!((said, readings), run("2"));
+    // A third of the error is the gain, which a ball shows.
+    let error_mm = |options: &str| {
+        let line = format!("touch units --units 4 --presses 4 --objects ball --json {options}");
+        workplace.run(&line).json()["contact_mae_mm"].as_f64().unwrap()
+    };
+    assert!(error_mm("--balls 10") < 0.9 * error_mm(""));
     let error = |options: &str| workplace.run(&format!("touch units {options}")).error();
     assert!(error("--faults 2").contains("from 0 to 1") && error("--objects nothing").contains("nothing"));
     assert!(error("--profile tacto").contains("look alike"));

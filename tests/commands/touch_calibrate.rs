@@ -92,7 +92,7 @@ fn the_stiffness_of_a_gel_is_measured() {
     assert!(weigh("00,0.01\n03,9\n05,0.2\n07,50\n").error().contains("do not belong together"));
     assert!(weigh("id,force_n\n00,0.6\n03,0.6\n05,0.6\n07,0.6\n").good().contains("4 presses"));
     let predict = "touch predict --images balls --untouched balls/untouched.png --profile stiff.toml --out out --json";
-    let lines: serde_json::Value = serde_json::from_str(&workplace.run(predict).good()).unwrap();
+    let lines = workplace.run(predict).json();
     for line in lines.as_array().unwrap() {
         let [force_n, sigma_n] = ["force_n", "force_sigma_n"].map(|key| line[key].as_f64().unwrap());
         assert!((0.4..0.9).contains(&force_n) && sigma_n < 0.3 * force_n, "{line}");

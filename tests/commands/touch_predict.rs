@@ -92,7 +92,7 @@ fn sensors_that_lie_and_colours_in_another_order_are_noticed() {
 fn results_are_files_and_a_table() {
     let Some(data) = others_data("real_digit") else { return };
     let workplace = changed(&data, |image| image);
-    let json: serde_json::Value = serde_json::from_str(&workplace.run(&format!("{PREDICT} --json")).good()).unwrap();
+    let json = workplace.run(&format!("{PREDICT} --json")).json();
     for (line, id) in json.as_array().unwrap().iter().zip(["000", "001", "002"]) {
         assert_eq!(line["id"], id);
         // A ball of 3 mm that lies on the gel within a radius of 1 to 1.6 mm.

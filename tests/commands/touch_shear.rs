@@ -7,7 +7,6 @@ use mvt_render::rays::RayMesh;
 use mvt_render::touch::{Background, GelPress, NoiseKey, TouchConfig, TouchFrame, TouchOptions, TouchRenderer};
 use mvt_robot::digit::markers::GelShear;
 use mvt_robot::digit::profile::SensorProfile;
-use serde_json::Value;
 
 use crate::workplace::Workplace;
 
@@ -43,9 +42,9 @@ fn shear_is_read_and_drawn() {
     let workplace = Workplace::new();
     presses(&workplace, "digit_markers");
     presses(&workplace, "digit");
-    let lines: Value = serde_json::from_str(&workplace.run(&format!("{PREDICT} --json --out out")).good()).unwrap();
+    let lines = workplace.run(&format!("{PREDICT} --json --out out")).json();
     let plain = "touch predict --images digit --untouched digit_untouched.png --json --out plain";
-    let plain: Value = serde_json::from_str(&workplace.run(plain).good()).unwrap();
+    let plain = workplace.run(plain).json();
     let mut drawn_px = Vec::new();
     for (k, ([right_mm, down_mm], twist_rad)) in SHEAR.into_iter().enumerate() {
         let figure = |name: &str| lines[k][name].as_f64().unwrap();

@@ -67,7 +67,7 @@ fn frames_of_a_video_are_read_as_images_are() {
     let Some((workplace, sensor)) = videos() else { return };
     let mut images = workplace.command("touch predict --json --out images");
     images.arg("--images").arg(&sensor).arg("--untouched").arg(sensor.join("untouched.png"));
-    let images: Value = serde_json::from_str(&Ended::of(&mut images).good()).unwrap();
+    let images = Ended::of(&mut images).json();
     let images = images.as_array().unwrap();
     std::fs::copy(sensor.join("untouched.png"), workplace.path("untouched.png")).unwrap();
     let of_video =

@@ -93,6 +93,12 @@ impl Ended {
         self.stdout
     }
 
+    /// Returns the JSON of a command that must have succeeded without messages.
+    #[track_caller]
+    pub fn json(self) -> Value {
+        serde_json::from_str(&self.good()).unwrap()
+    }
+
     /// Returns the warnings of a command that must have succeeded.
     #[track_caller]
     pub fn warned(self) -> String {

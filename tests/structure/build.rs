@@ -9,7 +9,7 @@ use crate::sources::{read, root, rust_files};
 
 /// Most packages in Cargo.lock. Lower it when their number falls; raise it only with a reason in the commit.
 /// 62 of them are those of Foxglove's server, which only a build with the feature `foxglove` compiles.
-const PACKAGES: usize = 670;
+const PACKAGES: usize = 671;
 /// Packages in Cargo.lock beyond one version of each. Most come from the windows of other platforms.
 /// 16 belong to Foxglove's server, most of them to parts of its libraries that are never compiled.
 const EXTRA_VERSIONS: usize = 57;

@@ -5,6 +5,7 @@
 //! an LED's light arrives, less of it changes.
 
 use image::RgbImage;
+use mvt_robot::digit::profile::{Appearance, SensorProfile};
 use nalgebra::{Matrix3, Vector3};
 use ndarray::Array2;
 
@@ -28,6 +29,16 @@ pub struct BallFit {
     pub led_angles_deg: [f64; 3],
     /// Share of the variance of each colour's change that this explains, up to 1.
     pub explained: [f64; 3],
+}
+
+impl BallFit {
+    /// Returns the profile of a sensor with these gains and directions.
+    pub fn applied_to(&self, profile: &SensorProfile) -> SensorProfile {
+        let sensitivity = self.sensitivity.map(|gain| gain as f32);
+        let usual = profile.appearance.unwrap_or_default();
+        let appearance = Appearance { sensitivity, led_angles_deg: self.led_angles_deg, ..usual };
+        SensorProfile { appearance: Some(appearance), ..profile.clone() }
+    }
 }
 
 /// Image of a press and where a network finds contact in it.

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use anyhow::{Context as _, Result, ensure};
 use clap::Args;
 use image::RgbImage;
-use mvt_robot::digit::profile::{Appearance, SensorProfile};
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_run::io::{check_named, print_line, write_named};
 use mvt_shear::ShearSensor;
-use mvt_touch::engine::Prediction;
+use mvt_touch::engine::{Engine, Prediction};
 use ndarray::Array2;
 
 use crate::ball::{BallFit, BallPress, fit, judge};
@@ -87,16 +87,14 @@ pub fn calibrate(arguments: &TouchCalibrateArguments) -> Result<()> {
         untouched = shear.erased(&untouched);
         images.iter_mut().for_each(|image| *image = shear.erased(image));
     }
-    let predictions = infer(&engine, engine.gains(&profile), &untouched, &images)?;
-    let contacts: Vec<Array2<bool>> =
-        predictions.iter().map(|prediction| prediction.contact_logit.mapv(|logit| logit > 0.0)).collect();
+    let contacts = contacts(&engine, &profile, &untouched, &images)?;
     let all: Vec<BallPress<'_>> = images.iter().zip(&contacts).collect();
     let exponent = appearance.background_exponent;
-    let px_per_mm = profile.intrinsics().fx / profile.apex_mm;
-    let found = fit(&all, &untouched, exponent, px_per_mm, 0.5 * ball_mm);
-    let BallFit { presses, sensitivity, led_angles_deg, explained } = found.context(
+    let px_per_mm = profile.pixel_mm().recip();
+    let found = fit(&all, &untouched, exponent, px_per_mm, 0.5 * ball_mm).context(
         "no image shows a round contact clear of the border; press the ball straight into the gel, at 10 to 50 places",
     )?;
+    let BallFit { presses, sensitivity, led_angles_deg, explained } = found;
     ensure!(
         presses >= FEW_PRESSES || 2 * presses >= images.len(),
         "only {presses} of {} images show a round contact clear of the border: the ball, the scale or the sensor is another than stated; check \
@@ -126,11 +124,6 @@ pub fn calibrate(arguments: &TouchCalibrateArguments) -> Result<()> {
             100.0 * explained[c]
         );
     }
-    let measured = |sensitivity: [f64; 3], led_angles_deg: [f64; 3]| {
-        let sensitivity = sensitivity.map(|gain| gain as f32);
-        let appearance = Some(Appearance { sensitivity, led_angles_deg, ..appearance });
-        SensorProfile { appearance, ..profile.clone() }
-    };
     let usable: Vec<_> =
         all.iter().filter(|press| fit(&[**press], &untouched, exponent, px_per_mm, 0.5 * ball_mm).is_some()).collect();
     let mut judged = Vec::new();
@@ -138,7 +131,7 @@ pub fn calibrate(arguments: &TouchCalibrateArguments) -> Result<()> {
         let others: Vec<BallPress<'_>> =
             usable.iter().enumerate().filter(|(k, _)| k % PARTS != part).map(|(_, press)| **press).collect();
         let Some(of_others) = fit(&others, &untouched, exponent, px_per_mm, 0.5 * ball_mm) else { continue };
-        let gains = engine.gains(&measured(of_others.sensitivity, of_others.led_angles_deg));
+        let gains = engine.gains(&of_others.applied_to(&profile));
         let held: Vec<RgbImage> = usable.iter().skip(part).step_by(PARTS).map(|(image, _)| (*image).clone()).collect();
         for Prediction { indentation_mm, contact_logit } in infer(&engine, gains, &untouched, &held)? {
             judged.extend(judge(&indentation_mm, &contact_logit.mapv(|logit| logit > 0.0), px_per_mm, 0.5 * ball_mm));
@@ -166,8 +159,19 @@ pub fn calibrate(arguments: &TouchCalibrateArguments) -> Result<()> {
         }
         None => tracing::warn!("no press could be left out: how good the profile is, is not known"),
     }
-    profile = measured(sensitivity, led_angles_deg);
+    profile = found.applied_to(&profile);
     profile.validate().context("the ball gives an impossible sensor; check --ball-mm and the images")?;
     write_named(&arguments.out, toml::to_string(&profile)?.as_bytes(), arguments.overwrite)?;
     print_line(&format!("{text}profile in {}", arguments.out.display()))
+}
+
+/// Returns where a network finds contact in images of one sensor.
+pub(crate) fn contacts(
+    engine: &Engine,
+    profile: &SensorProfile,
+    untouched: &RgbImage,
+    images: &[RgbImage],
+) -> Result<Vec<Array2<bool>>> {
+    let predictions = infer(engine, engine.gains(profile), untouched, images)?;
+    Ok(predictions.iter().map(|prediction| prediction.contact_logit.mapv(|logit| logit > 0.0)).collect())
 }

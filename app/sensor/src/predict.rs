@@ -57,8 +57,8 @@ pub struct TouchPredictArguments {
     /// different places, and of a video or camera the median of the first 10 frames, which must show no contact
     #[arg(long, value_name = "FILE")]
     untouched: Option<PathBuf>,
-    /// Sensor: digit (a real DIGIT), digit_markers (with dots on its gel), tacto (as TACTO renders a DIGIT), gelsight_mini or
-    /// gelsight_mini_markers (need --weights), or the path of a profile (.toml)
+    /// Sensor: digit (a real DIGIT), digit_markers (with dots on its gel), tacto (as TACTO renders a DIGIT), gelsight_mini,
+    /// gelsight_mini_markers, or the path of a profile (.toml)
     #[arg(long, value_name = "NAME", default_value = "digit")]
     profile: String,
     /// Weights of the network (.safetensors); without it, the shipped ones for the profile

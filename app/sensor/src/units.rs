@@ -18,6 +18,8 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::ball::{BallPress, fit};
+use crate::calibrate::contacts;
 use crate::images::engine;
 
 /// Read simulated sensors that no training can have seen, and say how many are read well
@@ -26,6 +28,8 @@ use crate::images::engine;
 /// presses objects of the test set. A unit is read well if its error in contact is at most 0.045 mm and the IoU of contact at least 0.9, means
 /// over its presses; a reading is good if the error is at most 0.15 mm and the IoU at least 0.7,
 /// which is what the plausibility of a reading is the probability of.
+///
+/// With --balls each unit presses a ball of 6 mm first, at as many places, and is calibrated as by `touch calibrate`.
 ///
 /// With --faults a share of the readings has a fault: other light, response, colours, range or exposure, a mirrored or turned sensor,
 /// missing rows, stray light, or an untouched image that shows a press. A reading is told if its plausibility is below 0.5.
@@ -43,6 +47,9 @@ pub struct TouchUnitsArguments {
     /// Presses of each unit
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
     presses: u32,
+    /// Presses of a ball by which each unit is calibrated first; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=1000))]
+    balls: u32,
     /// Share of readings with a fault
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     faults: f64,
@@ -75,6 +82,10 @@ struct Settings {
 
 /// Of a unit that is read well: greatest error in contact, millimetres, and least IoU.
 const WELL: (f32, f32) = (0.045, 0.9);
+/// Diameter of the ball by which a unit is calibrated, millimetres.
+const BALL_MM: f32 = 6.0;
+/// It is pressed straight into the gel, within these degrees.
+const BALL_TILT_DEG: f64 = 10.0;
 /// A reading with a lower plausibility is told.
 const TOLD: f32 = 0.5;
 
@@ -115,7 +126,7 @@ struct Report {
 /// # Errors
 /// If a file cannot be read or written, an object is unknown, or the profile has no appearance.
 pub fn units(arguments: &TouchUnitsArguments) -> Result<()> {
-    let &TouchUnitsArguments { units, presses, faults, seed, .. } = arguments;
+    let &TouchUnitsArguments { units, presses, balls, faults, seed, .. } = arguments;
     ensure!((0.0..=1.0).contains(&faults), "--faults {faults}: give a share from 0 to 1");
     if let Some(path) = &arguments.readings {
         mvt_run::io::check_named(path, arguments.overwrite)?;
@@ -134,6 +145,7 @@ pub fn units(arguments: &TouchUnitsArguments) -> Result<()> {
     let data = DataConfig { sensors: 1, known_untouched: 1.0, ..data };
     let engine = engine(&profile, arguments.weights.as_deref())?;
     let surfaces = objects::load(&objects::resolve(&arguments.objects))?;
+    let (ball, of_ball) = ([objects::ball(BALL_MM)?], ball_presses(&data));
     let mut rack = Rack::new(&data, &profile, seed)?.held_out();
     let bar = progress::bar(u64::from(units) * u64::from(presses), "presses");
     let mut readings = Vec::new();
@@ -141,6 +153,12 @@ pub fn units(arguments: &TouchUnitsArguments) -> Result<()> {
         let sensors = rack.of_step(u64::from(unit))?;
         let index = |press: u32| u64::from(unit) * u64::from(presses) + u64::from(press);
         let draw = |frame: &mut TouchFrame, press| example(&surfaces, &sensors, &data, (!seed, index(press)), frame);
+        let press_ball = |frame: &mut TouchFrame, press: u32| {
+            let index = u64::from(unit) * u64::from(balls) + u64::from(press);
+            example(&ball, &sensors, &of_ball, (!seed.rotate_left(1), index), frame)
+        };
+        let pressed: Vec<Example> = (0..balls).into_par_iter().map_init(TouchFrame::default, press_ball).collect();
+        let profile = &calibrated(&engine, &profile, &pressed)?;
         let shown: Vec<Example> = (0..presses).into_par_iter().map_init(TouchFrame::default, draw).collect();
         let read = |(press, of_press): (u32, &Example)| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -148,7 +166,7 @@ pub fn units(arguments: &TouchUnitsArguments) -> Result<()> {
             let fault = (faults > 0.0 && rng.random_bool(faults)).then(|| SensorFault::draw(&mut rng));
             let other = shown.get(((press + 1) % presses) as usize).unwrap_or(of_press);
             bar.inc(1);
-            read(&engine, &profile, of_press, fault, other, unit)
+            read(&engine, profile, of_press, fault, other, unit)
         };
         let of_unit: Result<Vec<UnitReading>> = (0..presses).into_par_iter().zip(&shown).map(read).collect();
         readings.extend(of_unit?);
@@ -173,6 +191,24 @@ pub fn units(arguments: &TouchUnitsArguments) -> Result<()> {
         percent(good_of_trusted),
         percent(trusted_of_good)
     ))
+}
+
+/// Presses as people make them to calibrate a sensor.
+fn ball_presses(data: &DataConfig) -> DataConfig {
+    DataConfig { untouched: 0.0, small: 0.0, deep: 0.0, protocol: 0.0, tilt_deg: BALL_TILT_DEG, ..data.clone() }
+}
+
+/// Returns the profile of a unit by its presses of a ball; without a usable one the given profile.
+fn calibrated(engine: &Engine, profile: &SensorProfile, pressed: &[Example]) -> Result<SensorProfile> {
+    let images: Vec<RgbImage> = pressed.iter().map(Example::image).collect();
+    let (Some(untouched), Some(look)) = (pressed.first().and_then(Example::untouched), profile.appearance) else {
+        return Ok(profile.clone());
+    };
+    let contacts = contacts(engine, profile, &untouched, &images)?;
+    let presses: Vec<BallPress<'_>> = images.iter().zip(&contacts).collect();
+    let px_per_mm = profile.pixel_mm().recip();
+    let found = fit(&presses, &untouched, look.background_exponent, px_per_mm, 0.5 * f64::from(BALL_MM));
+    Ok(found.map_or_else(|| profile.clone(), |found| found.applied_to(profile)))
 }
 
 /// Reads an image with a fault, as if it were the first of its sensor.

@@ -142,14 +142,26 @@ pub(crate) fn small() -> &'static [PressedSurface] {
         let balls = SMALL_MM.into_iter().flat_map(|mm| std::iter::repeat_n(("ball", mm), SMALL.len() - 2));
         let others = SMALL.into_iter().flat_map(|name| SMALL_MM.map(|mm| (name, mm)));
         let scaled = |(name, mm): (&str, f32)| {
-            let mut mesh = catalogue::find(name).ok()?.mesh_without_download()?;
-            let scale = 1e-3 * mm / mesh.extents_m().max_element();
-            mesh.vertices.iter_mut().for_each(|vertex| *vertex *= scale);
-            Some(PressedSurface::new(mesh))
+            Some(PressedSurface::new(resized(catalogue::find(name).ok()?.mesh_without_download()?, mm)))
         };
         balls.chain(others).filter_map(scaled).collect()
     });
     &SURFACES
+}
+
+/// Returns a ball of a diameter, millimetres.
+///
+/// # Errors
+/// [`PressError`] if the catalogue has no ball.
+pub fn ball(diameter_mm: f32) -> Result<PressedSurface, PressError> {
+    Ok(PressedSurface::new(resized(mesh("ball")?, diameter_mm)))
+}
+
+/// Returns a mesh whose longest side has this length, millimetres.
+fn resized(mut mesh: Mesh, longest_mm: f32) -> Mesh {
+    let scale = 1e-3 * longest_mm / mesh.extents_m().max_element();
+    mesh.vertices.iter_mut().for_each(|vertex| *vertex *= scale);
+    mesh
 }
 
 /// Loads objects of the catalogue and random ones, in the order of the names.
@@ -157,14 +169,13 @@ pub(crate) fn small() -> &'static [PressedSurface] {
 /// # Errors
 /// [`PressError`] if the catalogue does not have an object, or its mesh cannot be loaded.
 pub fn load(names: &[impl AsRef<str> + Sync]) -> Result<Vec<PressedSurface>, PressError> {
-    let surface = |name: &_| {
-        let name = AsRef::<str>::as_ref(name);
-        catalogue::check(name).map_err(|reason| PressError::Unknown(Box::new(reason)))?;
-        let mesh = catalogue::load_mesh(name, &mut Vec::new())
-            .map_err(|reason| PressError::Load { name: name.to_owned(), reason: Box::new(reason) })?;
-        Ok(PressedSurface::new(mesh))
-    };
-    names.par_iter().map(surface).collect()
+    names.par_iter().map(|name| Ok(PressedSurface::new(mesh(name.as_ref())?))).collect()
+}
+
+fn mesh(name: &str) -> Result<Mesh, PressError> {
+    catalogue::check(name).map_err(|reason| PressError::Unknown(Box::new(reason)))?;
+    catalogue::load_mesh(name, &mut Vec::new())
+        .map_err(|reason| PressError::Load { name: name.to_owned(), reason: Box::new(reason) })
 }
 
 #[cfg(test)]

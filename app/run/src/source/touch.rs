@@ -30,8 +30,7 @@ pub struct TouchArguments {
     #[arg(long, value_enum, default_value_t = TouchOrigin::Network)]
     touch_depth: TouchOrigin,
     /// Touch sensor: tacto (as TACTO renders a DIGIT), digit (a real DIGIT), digit_markers (with dots on its gel),
-    /// gelsight_mini or gelsight_mini_markers (need --weights, or --touch-depth truth), or the path of a profile (.toml)
-    /// [default: that of each pad of the rig or log]
+    /// gelsight_mini, gelsight_mini_markers, or the path of a profile (.toml) [default: that of each pad of the rig or log]
     #[arg(long, value_name = "NAME")]
     touch_profile: Option<String>,
     /// Weights of a touch network, for --touch-depth network; without it those that are shipped for the sensor

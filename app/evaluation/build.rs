@@ -1,0 +1,5 @@
+//! Lets programs and tests find libmujoco.
+
+fn main() {
+    mvt_mujoco_search_path::set();
+}
