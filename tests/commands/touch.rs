@@ -195,7 +195,7 @@ fn units_that_no_training_has_seen_are_read() {
     let (said, readings) = run("1");
     assert!(said.contains("\"readings\": 6") && readings.lines().count() == 6, "{said}\n{readings}");
     assert_eq!((said, readings), run("2"));
-    // A third of the error is the gain, which a ball shows.
+    // A part of the error is the gain, which a ball shows.
     let error_mm = |options: &str| {
         let line = format!("touch units --units 4 --presses 4 --objects ball --json {options}");
         workplace.run(&line).json()["contact_mae_mm"].as_f64().unwrap()
