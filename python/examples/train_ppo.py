@@ -99,7 +99,7 @@ parser.add_argument("--observation", default="sighted", help="the observation")
 parser.add_argument("--steps", type=int, default=2_000_000, help="number of steps of all environments together")
 parser.add_argument("--environments", type=int, default=64, help="number of environments that step together")
 parser.add_argument("--seed", type=int, default=0, help="seed of the training")
-parser.add_argument("--out", type=Path, default=Path("."), help="folder for ppo.csv and ppo.zip")
+parser.add_argument("--out", type=Path, default=Path("."), help="folder for ppo.csv, ppo.zip and vecnormalize.pkl")
 arguments = parser.parse_args()
 
 arguments.out.mkdir(parents=True, exist_ok=True)
@@ -109,7 +109,7 @@ environments = Environments(
     )
 )
 normalised = VecNormalize(environments, gamma=0.99)
-# The settings of `mambavitact hand train`.
+# The sizes, steps and passes of `mambavitact hand train`, which has elu for tanh and lets the step size follow the divergence of the policies.
 model = PPO(
     "MlpPolicy",
     normalised,

@@ -1,11 +1,9 @@
 //! `mesh` wrote other coordinates than the run's mesh.ply, and `score` compared them with the truth.
 
-use serde_json::Value;
-
 use crate::workplace::Workplace;
 
 fn f_score(workplace: &Workplace, line: &str) -> f64 {
-    let report: Value = serde_json::from_str(&workplace.run(line).good()).unwrap();
+    let report = workplace.run(line).json();
     let scores = report["shape"]["original"]["scores"].as_array().unwrap().clone();
     let at_5_mm = scores.iter().find(|score| score["threshold_mm"] == 5.0).unwrap();
     at_5_mm["f"].as_f64().unwrap()
