@@ -5,7 +5,7 @@
 
 Random shapes from seed 1000 on and objects of the catalogue; the training had random:0 to random:127 alone. Then runs with our own estimate of
 ten objects. Writes OUT/shapes.jsonl and OUT/objects.jsonl, a line per object; OUT/compared.jsonl, means and the lower ends of their 95 %
-intervals, and the folders OUT/auto and OUT/corrected of runs. What is there already is not measured again.
+intervals, and the folders OUT/suited and OUT/corrected of runs. What is there already is not measured again.
 """
 
 import argparse
@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 OBJECTS = ("005_tomato_soup_can,010_potted_meat_can,017_orange,061_foam_brick,054_softball,rubiks_cube_small,013_apple,large_dice,056_tennis_ball,"
            "018_plum,015_peach,055_baseball,077_rubiks_cube,cube70,016_pear,024_bowl").split(",")
 RUNS = "077_rubiks_cube,005_tomato_soup_can,016_pear,010_potted_meat_can,013_apple,061_foam_brick,065-g_cups,055_baseball,015_peach,large_dice"
-CONTROLLERS = ["auto", "corrected"]
+CONTROLLERS = ["suited", "corrected"]
 
 
 def scores(call, objects, starts, path):
@@ -39,11 +39,11 @@ def scores(call, objects, starts, path):
 
 def compared(name, rows):
     for value in ("kept", "rad_s"):
-        auto, corrected = ([row[f"{controller}_{value}"] for row in rows] for controller in CONTROLLERS)
-        added = [b - a for a, b in zip(auto, corrected)]
+        suited, corrected = ([row[f"{controller}_{value}"] for row in rows] for controller in CONTROLLERS)
+        added = [b - a for a, b in zip(suited, corrected)]
         error = statistics.stdev(added) / math.sqrt(len(added))
-        yield {"objects": name, "value": value, "count": len(rows), "auto": statistics.mean(auto), "corrected": statistics.mean(corrected),
-               "auto_median": statistics.median(auto), "corrected_median": statistics.median(corrected),
+        yield {"objects": name, "value": value, "count": len(rows), "suited": statistics.mean(suited), "corrected": statistics.mean(corrected),
+               "suited_median": statistics.median(suited), "corrected_median": statistics.median(corrected),
                "added": statistics.mean(added), "added_at_least": statistics.mean(added) - 1.96 * error}
 
 

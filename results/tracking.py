@@ -45,7 +45,7 @@ class Measurement:
     def log(self, name, seed, folder):
         if not any(folder.glob("*/00")):
             self.call("generate", "--object", name, "--logs", 1, "--duration", self.duration, "--seed", seed,
-                      "--cameras", ",".join(CAMERAS), "--out", folder)
+                      "--cameras", ",".join(CAMERAS), "--controller", "suited", "--out", folder)
         return next(folder.glob("*/00"))
 
     def run(self, key, name, seed, folder, camera, modality):

@@ -277,7 +277,8 @@ def _recorded(log: SuiteLog, duration_s: float, folder: Path) -> Log:
     words = f"{version()} {log.object} {log.seed} {log.cameras} {duration_s:g}"
     out = folder / re.sub(r"[^\w.-]+", "_", words)
     # Touch and depth have the noise of sensors.
-    arguments = ["--logs=1", "--noise=full", "--format=compact", f"--object={log.object}", f"--seed={log.seed}"]
+    # Suites stay the same when a policy learns to move their objects.
+    arguments = ["--controller=suited", "--logs=1", "--noise=full", "--format=compact", f"--object={log.object}", f"--seed={log.seed}"]
     arguments += [f"--cameras={log.cameras}", f"--duration={duration_s}", f"--out={out}"]
     command = [sys.executable, "-m", "mambavitact", "generate", *arguments]
     # The program of this package is started, also where the current folder has modules of the same names.

@@ -6,7 +6,7 @@ use mvt_frames::camera::PosedCamera;
 use mvt_gaits::clock::PHYSICS_HZ;
 use mvt_gaits::controller::Controller;
 use mvt_gaits::controller_file::is_policy;
-use mvt_gaits::gait;
+use mvt_gaits::gait::{self, AUTO};
 use mvt_objects::object::Object;
 use mvt_physics::air::PlaceErrors;
 use mvt_physics::episode::{End, Episode as Simulated, EpisodeConfig, EpisodeSnapshot, Randomisation};
@@ -113,7 +113,7 @@ impl Episode {
         check_camera_noise(camera_noise)?;
         detached(py, || {
             let object = load_object(object).map_err(argument)?;
-            let (gait_name, gait, mover) = if is_policy(gait) {
+            let (gait_name, gait, mover) = if is_policy(gait) || gait == AUTO {
                 let chosen = choose_any(gait, &object, &hand).map_err(Kind::Argument.of())?;
                 if chosen.mover.as_ref().is_some_and(|mover| mover.needs_touch()) {
                     return Err(Kind::Argument

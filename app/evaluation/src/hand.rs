@@ -8,11 +8,12 @@ use anyhow::{Context as _, Result, bail};
 use clap::{Args, Subcommand, value_parser};
 use mvt_gaits::axis::TurnAxis;
 use mvt_gaits::controller_file::{self, CORRECTED, ControllerFile, is_policy};
-use mvt_gaits::gait::{self, Gait};
+use mvt_gaits::gait::{self, AUTO, Gait, SUITED};
 use mvt_hands::load_rig;
 use mvt_objects::object::Object;
 use mvt_robot::hand::{ALLEGRO_DIGIT, Hand, Side};
 use mvt_run::arguments::HandSide;
+use mvt_run::controller::choose_any;
 use mvt_run::io::{check_named, print_line, shell_word, write_named};
 use mvt_run::object::load_object;
 use mvt_run::progress;
@@ -127,7 +128,7 @@ pub struct HandScoreArguments {
     /// Objects, separated by commas: names that `assets list` shows, random:SEED, or paths of meshes in metres
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', required = true)]
     object: Vec<String>,
-    /// Controller: a name that `controllers` lists, a file, `auto` to choose by the object's shape, or the path of a learnt policy
+    /// Controller: a name that `controllers` lists, a file, the path of a learnt policy, or `auto` as of `run`
     #[arg(long, value_name = "NAME|FILE", default_value = "auto")]
     controller: String,
     /// Side of the hand allegro_digit [default: left, or that of the hand file]
@@ -167,6 +168,7 @@ pub fn list() -> Result<()> {
     for (name, axis, purpose) in controller_file::list() {
         print_line(&format!("{name:<18} {axis}  {purpose}"))?;
     }
+    print_line(&format!("{SUITED:<18}     the one of these that suits an object, by its shape"))?;
     print_line(&format!(
         "{CORRECTED:<18}     a learnt policy that corrects the gait that suits an object; for the left hand"
     ))?;
@@ -296,19 +298,23 @@ fn score(arguments: &HandScoreArguments) -> Result<()> {
     for name in &arguments.object {
         let object = load_object(name)?;
         let starts = arguments.scoring.scored_starts;
-        if is_policy(&arguments.controller) {
+        let controller = arguments.controller.as_str();
+        let chosen = match is_policy(controller) || controller == AUTO {
+            true => choose_any(controller, &object, &hand)?,
+            false => controller_file::choose(controller, &object, &hand)?,
+        };
+        if chosen.mover.is_some() {
             if arguments.steps != EPISODE_STEPS {
                 bail!(
-                    "--steps {}: a policy is played with the integration steps of an episode; leave --steps out",
+                    "--steps {}: a policy is played with the integration steps of an episode; leave --steps out, or name a stroke",
                     arguments.steps
                 );
             }
-            let (axis, result) = played::measure(Path::new(&arguments.controller), &object, &hand, starts, SCORED_S)?;
-            bar.suspend(|| print(&arguments.scoring, &arguments.controller, axis, result))?;
+            let (axis, result) = played::measure(Path::new(&chosen.name), &object, &hand, starts, SCORED_S)?;
+            bar.suspend(|| print(&arguments.scoring, &chosen.name, axis, result))?;
             bar.inc(1);
             continue;
         }
-        let chosen = controller_file::choose(&arguments.controller, &object, &hand)?;
         let result = measure(&chosen.gait, &object, seeds::held_out(), starts, &conditions)?;
         bar.suspend(|| print(&arguments.scoring, &chosen.name, chosen.gait.axis, result))?;
         bar.inc(1);

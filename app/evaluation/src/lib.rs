@@ -41,7 +41,7 @@ use anyhow::{Result, bail};
 use clap::{Args, value_parser};
 use mvt_files::folder::{ClaimedFolder, Earlier};
 use mvt_gaits::controller_file::ChosenController;
-use mvt_gaits::gait;
+use mvt_gaits::gait::{self, SUITED};
 use mvt_hands::{LoadedHand, load_rig};
 use mvt_mesh::Mesh;
 use mvt_metrics::FAILURE_M;
@@ -108,7 +108,7 @@ pub struct EvaluateArguments {
     #[arg(long, default_value_t = 30.0, value_parser = duration)]
     duration: f64,
     /// Motion of the fingers: a name that `controllers` lists, the path of a controller file, a schedule such as
-    /// `tumble_back:8,cubelet:8`, the path of a learnt policy, or `auto` to choose by the object's shape
+    /// `tumble_back:8,cubelet:8`, the path of a learnt policy, or `auto` as of `run`
     #[arg(long, value_name = "NAME|FILE", default_value = "auto")]
     controller: String,
     /// Hand with its touch sensors: a name that `rigs` lists, or the path of a hand file (.toml)
@@ -395,7 +395,7 @@ fn key(
     let mut settings = serde_json::json!([config, duration_s, env!("CARGO_PKG_VERSION")]).to_string();
     let ChosenController { gait, schedule, policy_sha256, .. } = episode.controller;
     if !schedule.is_empty()
-        || !gait::choose("auto", episode.object, &episode.rig.hand).is_ok_and(|(_, suited)| suited == gait)
+        || !gait::choose(SUITED, episode.object, &episode.rig.hand).is_ok_and(|(_, suited)| suited == gait)
     {
         settings += &serde_json::json!([gait, schedule]).to_string();
     }

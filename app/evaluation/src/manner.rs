@@ -26,8 +26,9 @@ pub struct Subject {
 #[derive(Debug, Clone, Args)]
 pub struct Manner {
     /// Motion of the fingers: a name that `controllers` lists, the path of a controller file (.toml) or of a learnt policy
-    /// (.onnx, .safetensors; see docs/policies.md), or `auto` to choose by the object's shape; it refuses an object that may
-    /// fall. `tumble_back:8,cubelet:8` plays one for 8 s, then the other, then the first again: the hand opens, the palm is
+    /// (.onnx, .safetensors; see docs/policies.md), or `suited` or `auto` to choose by the object's shape; they refuse an object
+    /// that may fall. `auto` plays shapes that are not in the catalogue with the learnt policy `corrected`, which corrects the
+    /// suited motion. `tumble_back:8,cubelet:8` plays one for 8 s, then the other, then the first again: the hand opens, the palm is
     /// levelled and tilted anew, and the hand closes
     #[arg(long, alias = "gait", value_name = "NAME|FILE", default_value = "auto")]
     pub controller: String,

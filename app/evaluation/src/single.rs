@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, bail};
-use mvt_gaits::controller_file;
+use mvt_gaits::gait::AUTO;
 use mvt_hands::LoadedHand;
 use mvt_robot::hand::{Hand, Side};
 use mvt_run::config::RunConfig;
+use mvt_run::controller::choose_any;
 use mvt_run::estimator::Mode;
 use mvt_run::object::load_object;
 use mvt_run::source::{Modality, TouchArguments, TouchOrigin};
@@ -82,7 +83,7 @@ impl SingleRun {
         let object = load_object(&self.object)?;
         let rig = LoadedHand::allegro(Side::Left);
         let weights = TouchArguments::new(self.touch_depth, self.weights.clone()).weights(&rig.hand)?;
-        let controller = controller_file::choose("auto", &object, &rig.hand)?;
+        let controller = choose_any(AUTO, &object, &rig.hand)?;
         let episode = Episode {
             name: &self.object,
             object: &object,

@@ -30,7 +30,7 @@ pub struct HandSurveyArguments {
     /// Objects, separated by commas [default: the whole catalogue]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     object: Vec<String>,
-    /// Controllers, separated by commas: names that `controllers` lists, files, or `auto` to choose by the object's shape
+    /// Controllers, separated by commas: names that `controllers` lists, files, or `suited` to choose by the object's shape
     /// [default: all for the palm]
     #[arg(long, value_name = "NAME|FILE,...", value_delimiter = ',')]
     controller: Vec<String>,

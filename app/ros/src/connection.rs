@@ -9,7 +9,7 @@ use mvt_calibration::Calibration;
 use mvt_frames::camera::PosedCamera;
 use mvt_gaits::controller_file::{self, ChosenController, is_policy};
 use mvt_gaits::directed::DirectedController;
-use mvt_gaits::gait::AUTO;
+use mvt_gaits::gait::{AUTO, SUITED};
 use mvt_objects::catalogue;
 use mvt_objects::object::Object;
 use mvt_perceive::PerceptionSetup;
@@ -175,13 +175,15 @@ fn prepared(
     if matches!(drive.goal, Goal::Show(_) | Goal::Explored) {
         bail!("--goal {} is not for --ros: use turn, pose, coverage or time", drive.goal);
     }
+    // A policy moves a real hand only by its name.
+    let controller = if drive.controller == AUTO { SUITED } else { drive.controller };
     let chosen = match drive.object {
-        Some(object) => choose_controller(drive.controller, object, hand)?,
-        None if drive.controller == AUTO => {
+        Some(object) => choose_controller(controller, object, hand)?,
+        None if controller == SUITED => {
             bail!("--drive needs --controller NAME, or --object for a controller that suits it")
         }
         // The controller is named: whether the object suits it is not known.
-        None => named_controller(drive.controller, hand)?,
+        None => named_controller(controller, hand)?,
     };
     if !chosen.schedule.is_empty() {
         bail!("--controller {}: the palm cannot be tilted anew; name one controller", chosen.name);

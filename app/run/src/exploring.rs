@@ -37,6 +37,8 @@ pub fn direct(
     if !matches!(goal, Goal::Time | Goal::Coverage(_) | Goal::Explored) {
         bail!("--goal {goal} needs a single axis, and --explore changes it; use --goal time, coverage=0.9 or explored");
     }
+    // Explorers change between gaits.
+    let controller = if controller == gait::AUTO { gait::SUITED } else { controller };
     let options = options(controller, object, hand)?;
     let chosen = match options.as_slice() {
         [(first, ..), _, ..] => choose_controller(first, object, hand)?,
@@ -89,7 +91,8 @@ fn options(controller: &str, object: &Object, hand: &Hand) -> Result<Vec<(String
         bail!("--explore changes between strokes by name; give --controller auto or a stroke that `controllers` lists");
     }
     let safe = safe_controllers(object, hand);
-    let first = if controller == gait::AUTO { safe.first() } else { safe.iter().find(|safe| safe.name == controller) };
+    let first =
+        if controller == gait::SUITED { safe.first() } else { safe.iter().find(|safe| safe.name == controller) };
     let Some(first) = first else {
         let (name, gait) = gait::choose(controller, object, hand)?;
         if gait.feedback.is_some() {

@@ -1,5 +1,6 @@
 //! `touch units`: how well a network reads sensors that it has never seen, and whether it knows.
 
+use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, ensure};
@@ -8,7 +9,7 @@ use image::RgbImage;
 use mvt_presses::{DataConfig, Example, Rack, SensorFault, example, objects};
 use mvt_render::touch::TouchFrame;
 use mvt_robot::digit::profile::SensorProfile;
-use mvt_run::io::{print_line, write_named};
+use mvt_run::io::{check_named, print_line, write_named};
 use mvt_run::{progress, settings};
 use mvt_touch::contact::{ContactConfig, Felt, TouchSensor};
 use mvt_touch::engine::Engine;
@@ -65,8 +66,11 @@ pub struct TouchUnitsArguments {
     /// File that receives a line of JSON per reading
     #[arg(long, value_name = "FILE")]
     readings: Option<PathBuf>,
-    /// Replace an existing file
-    #[arg(long, requires = "readings")]
+    /// Folder that receives the profile of each unit (0.toml, 1.toml, ...), for `generate --touch-profile`
+    #[arg(long, value_name = "DIR")]
+    profiles: Option<PathBuf>,
+    /// Replace existing files
+    #[arg(long)]
     overwrite: bool,
     /// Print JSON instead of words
     #[arg(long)]
@@ -128,8 +132,9 @@ struct Report {
 pub fn units(arguments: &TouchUnitsArguments) -> Result<()> {
     let &TouchUnitsArguments { units, presses, balls, faults, seed, .. } = arguments;
     ensure!((0.0..=1.0).contains(&faults), "--faults {faults}: give a share from 0 to 1");
-    if let Some(path) = &arguments.readings {
-        mvt_run::io::check_named(path, arguments.overwrite)?;
+    let profile_file = |unit: u32| arguments.profiles.as_ref().map(|folder| folder.join(format!("{unit}.toml")));
+    for path in arguments.readings.iter().cloned().chain((0..units).filter_map(profile_file)) {
+        check_named(&path, arguments.overwrite)?;
     }
     let profile = SensorProfile::load(&arguments.profile)?;
     ensure!(
@@ -143,6 +148,9 @@ pub fn units(arguments: &TouchUnitsArguments) -> Result<()> {
     };
     data.validate().map_err(|error| error.within("data"))?;
     let data = DataConfig { sensors: 1, known_untouched: 1.0, ..data };
+    if let Some(folder) = &arguments.profiles {
+        fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
+    }
     let engine = engine(&profile, arguments.weights.as_deref())?;
     let surfaces = objects::load(&objects::resolve(&arguments.objects))?;
     let (ball, of_ball) = ([objects::ball(BALL_MM)?], ball_presses(&data));
@@ -151,6 +159,9 @@ pub fn units(arguments: &TouchUnitsArguments) -> Result<()> {
     let mut readings = Vec::new();
     for unit in 0..units {
         let sensors = rack.of_step(u64::from(unit))?;
+        if let Some((file, sensor)) = profile_file(unit).zip(sensors.first()) {
+            write_named(&file, toml::to_string(sensor.profile())?.as_bytes(), arguments.overwrite)?;
+        }
         let index = |press: u32| u64::from(unit) * u64::from(presses) + u64::from(press);
         let draw = |frame: &mut TouchFrame, press| example(&surfaces, &sensors, &data, (!seed, index(press)), frame);
         let press_ball = |frame: &mut TouchFrame, press: u32| {

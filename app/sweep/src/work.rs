@@ -6,6 +6,7 @@ use anyhow::{Context as _, Result, anyhow};
 use indicatif::ProgressBar;
 use mvt_evaluation::SingleRun;
 use mvt_feelsight::LogFormat;
+use mvt_gaits::gait;
 use mvt_objects::catalogue;
 use mvt_robot::hand::{Hand, Side};
 use mvt_robot::rig::Placement;
@@ -122,8 +123,8 @@ fn check_task(command: TaskCommand, settings: &TaskSettings) -> Result<()> {
         TaskCommand::Generate => {
             let task: LogTask = from_settings(settings)?;
             Placement::parse_list(&task.cameras)?;
-            if task.gait != "auto" {
-                mvt_gaits::gait::find(&task.gait)?;
+            if !gait::is_left_open(&task.gait) {
+                gait::find(&task.gait)?;
             }
             task.settings().map(drop)
         }

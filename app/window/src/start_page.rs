@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use eframe::egui::{self, Align2, Context, FontId, Role, Sense, TextEdit, Ui, WidgetInfo};
+use mvt_gaits::gait::{AUTO, SUITED, shipped};
 use mvt_objects::catalogue;
 use mvt_objects::catalogue::Entry;
 use mvt_objects::random::RandomObject;
@@ -47,7 +48,7 @@ impl StartPage {
         // Objects that need no download come first.
         let (made, fetched): (Vec<Entry>, Vec<Entry>) = catalogue::entries().partition(Entry::is_procedural);
         let entries: Vec<Entry> = made.into_iter().chain(fetched).collect();
-        let gaits = std::iter::once("auto".to_owned()).chain(mvt_gaits::gait::shipped().keys().cloned()).collect();
+        let gaits = [AUTO, SUITED].map(str::to_owned).into_iter().chain(shipped().keys().cloned()).collect();
         let thumbnails = Thumbnails::new(ctx, entries.clone());
         Self { entries, thumbnails, search: String::new(), path: String::new(), gaits, compared: Vec::new() }
     }
@@ -174,9 +175,10 @@ impl StartPage {
         named_choice(ui, "Mode", &mut choices.mode, &RunChoices::modes());
         named_choice(ui, "Sensors", &mut choices.modality, &RunChoices::modalities());
         let gaits: Vec<&str> = self.gaits.iter().map(String::as_str).collect();
-        let mut gait = gaits.iter().copied().find(|&gait| gait == choices.gait).unwrap_or("auto");
+        let mut gait = gaits.iter().copied().find(|&gait| gait == choices.gait).unwrap_or(AUTO);
         choice(ui, "Controller", &mut gait, &gaits, |gait| match gait {
-            "auto" => "gait that suits the object".to_owned(),
+            AUTO => "what moves the object best".to_owned(),
+            SUITED => "gait that suits the object".to_owned(),
             gait => format!("gait {gait}"),
         });
         if gait != choices.gait {

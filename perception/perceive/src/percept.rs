@@ -93,6 +93,7 @@ mod tests {
 
     use image::RgbImage;
     use mvt_frames::depth::Label;
+    use mvt_robot::digit::profile::SensorProfile;
     use mvt_robot::hand::{HandDescription, JointAngles, PerPad, Side};
     use mvt_robot::observation::{Percept, Press, Rgbd};
     use mvt_robot::rig::PLACEMENTS;
@@ -214,6 +215,34 @@ mod tests {
         // There is no pad 2.
         perception.set_untouched(2, &black()).unwrap();
         perception.learn_untouched(2, &[black()]).unwrap();
+    }
+
+    /// A network for real sensors takes their raw images for presses.
+    #[test]
+    fn real_sensors_are_read_once_their_untouched_image_is_known() {
+        let hand = two_pads().with_profile(&SensorProfile::load("digit").unwrap());
+        let weights = Arc::new(Weights::shipped_digit().unwrap());
+        let weights = hand.per_pad(|_| Arc::clone(&weights));
+        let setup = PerceptionSetup { weights: Some(&weights), config: PerceptionConfig::default() };
+        let mut perception = Perception::new(Arc::clone(&hand), Vec::new(), &setup);
+        // Light falls from the left.
+        let lit = |u: u32, _: u32| {
+            image::Rgb([97.0, 101.0, 95.0].map(|mean: f64| (mean * (1.55 - f64::from(u) / 217.0)) as u8))
+        };
+        let mut warnings = Vec::new();
+        let mut felt = Vec::new();
+        for frame in 0..12 {
+            let touch = PerPad(vec![RgbImage::from_fn(240, 320, lit), RgbImage::default()]);
+            let time_s = frame as f64 / 30.0;
+            let observed = Observation { time_s, touch, ..observation(Vec::new(), vec![0.1; 8]) };
+            let seen = perception.see(frame, observed, None).unwrap();
+            warnings.extend(seen.warnings);
+            felt.push(seen.percept.touch[0].clone());
+        }
+        assert!(felt[..9].iter().all(Option::is_none) && felt[9..].iter().all(Option::is_some), "{felt:?}");
+        assert!(felt[9..].iter().flatten().all(|press| !press.contact.iter().any(|touches| *touches)));
+        let estimated = warnings.iter().filter(|warning| warning.contains("estimated from the first 10 images"));
+        assert_eq!(estimated.count(), 1, "{warnings:?}");
     }
 
     #[test]

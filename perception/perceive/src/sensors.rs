@@ -5,7 +5,7 @@ use std::sync::Arc;
 use image::RgbImage;
 use mvt_products::Instructions;
 use mvt_robot::digit::gel::GelView;
-use mvt_robot::digit::profile::Appearance;
+use mvt_robot::digit::profile::{Appearance, SensorProfile};
 use mvt_robot::hand::{Hand, PerPad, TouchPad};
 use mvt_robot::observation::{Press, SensorError, SensorName, TouchTruth};
 use mvt_shear::ShearSensor;
@@ -20,6 +20,9 @@ use crate::error::PerceptionError;
 
 /// Standard deviation of true touch depth, millimetres: logs store it in steps of 1/33 mm.
 const TRUTH_SIGMA_MM: f32 = 0.05;
+
+/// First images of a sensor of which the untouched image is estimated if nothing else tells it.
+const FIRST_IMAGES: usize = 10;
 
 /// True touch on a gel as a press. Pixels without a valid depth are no contact. `None` without images of the sensor's size.
 pub fn true_press(truth: &TouchTruth, gel: &GelView) -> Option<Press> {
@@ -38,6 +41,11 @@ pub fn true_press(truth: &TouchTruth, gel: &GelView) -> Option<Press> {
     Some(Press { indentation_mm, contact, sigma_mm: TRUTH_SIGMA_MM })
 }
 
+/// Returns whether an image needs no untouched one: the sensor looks as TACTO renders it, or the size is wrong, which is an error.
+fn can_be_read_at_once(profile: &SensorProfile, image: &RgbImage) -> bool {
+    profile.appearance.is_none() || image.dimensions() != profile.size_px.map(|px| px as u32).into()
+}
+
 /// The touch sensors of a hand, whose images a network reads, with the warnings that were given.
 pub(crate) struct TouchSensors {
     feeler: Feeler,
@@ -48,6 +56,8 @@ pub(crate) struct TouchSensors {
     unusual: Vec<String>,
     /// Whose light is known, from the untouched image or a first image.
     judged: PerPad<bool>,
+    /// First images of sensors that cannot be read before their untouched image is known.
+    first: PerPad<Vec<RgbImage>>,
     /// Find the dots of gels that have some, which the network must not see. Known with the untouched image.
     dots: PerPad<Option<ShearSensor>>,
 }
@@ -68,6 +78,7 @@ impl TouchSensors {
             told: hand.per_pad(|_| false),
             unusual: Vec::new(),
             judged: hand.per_pad(|_| false),
+            first: hand.per_pad(|_| Vec::new()),
             dots: hand.per_pad(|_| None),
         }
     }
@@ -107,6 +118,30 @@ impl TouchSensors {
         }
     }
 
+    /// Estimates the untouched image of a sensor that looks like a real one from its first images, if nothing else told it: a network that reads such
+    /// sensors knows nothing without. Until then the sensor is not read.
+    fn learn_from_first(&mut self, frame: u64, images: &[RgbImage], warnings: &mut Vec<String>) {
+        let hand = Arc::clone(&self.hand);
+        for (pad, (TouchPad { name, profile, .. }, image)) in hand.pads().iter().zip(images).enumerate() {
+            let is_done = self.judged[pad] || self.first[pad].len() == FIRST_IMAGES;
+            if is_done || can_be_read_at_once(profile, image) || image.is_empty() {
+                continue;
+            }
+            self.first[pad].push(image.clone());
+            if self.first[pad].len() < FIRST_IMAGES {
+                continue;
+            }
+            let first = self.first[pad].clone();
+            let name = SensorName::Touch(name.clone());
+            warnings.push(match self.learn_untouched(pad, &first) {
+                Ok(()) => format!(
+                    "frame {frame}: the untouched image of {name} is not known; it is estimated from the first {FIRST_IMAGES} images, which must show no contact"
+                ),
+                Err(error) => format!("frame {frame}: {name} is not read: its untouched image cannot be estimated: {error}"),
+            });
+        }
+    }
+
     /// Returns the press of each sensor whose image is plausible. The first implausible image of a sensor adds a warning.
     ///
     /// # Errors
@@ -117,12 +152,21 @@ impl TouchSensors {
         images: &[RgbImage],
         warnings: &mut Vec<String>,
     ) -> Result<PerPad<Option<Press>>, SensorError> {
-        let Self { feeler, hand, told, dots, unusual, judged } = self;
+        self.learn_from_first(frame, images, warnings);
+        let Self { feeler, hand, told, dots, unusual, judged, .. } = self;
         warnings.append(unusual);
         let sensors = || hand.pads().iter().map(|TouchPad { name, profile, .. }| (name, profile));
-        for ((image, judged), (name, profile)) in images.iter().zip(judged.iter_mut()).zip(sensors()) {
-            let is_calibrated = profile.gains(&Appearance::default()) != [1.0; 3];
-            if image.is_empty() || is_calibrated || std::mem::replace(judged, true) {
+        let unread = RgbImage::default();
+        let readable: Vec<&RgbImage> = images
+            .iter()
+            .zip(judged.iter().zip(sensors()))
+            .map(|(image, (judged, (_, profile)))| match *judged || can_be_read_at_once(profile, image) {
+                true => image,
+                false => &unread,
+            })
+            .collect();
+        for ((image, judged), (name, _)) in readable.iter().zip(judged.iter_mut()).zip(sensors()) {
+            if image.is_empty() || std::mem::replace(judged, true) {
                 continue;
             }
             if !SensorLight::of(image, &Appearance::default(), false).is_usual() {
@@ -133,12 +177,12 @@ impl TouchSensors {
                 ));
             }
         }
-        let erase = |(image, dots): (&RgbImage, &Option<ShearSensor>)| {
+        let erase = |(image, dots): (&&RgbImage, &Option<ShearSensor>)| {
             dots.as_ref().filter(|_| !image.is_empty()).map(|sensor| sensor.erased(image))
         };
-        let erased: Vec<Option<RgbImage>> = images.iter().zip(dots.iter()).map(erase).collect();
+        let erased: Vec<Option<RgbImage>> = readable.iter().zip(dots.iter()).map(erase).collect();
         let seen: Vec<&RgbImage> =
-            images.iter().zip(&erased).map(|(image, erased)| erased.as_ref().unwrap_or(image)).collect();
+            readable.iter().zip(&erased).map(|(image, erased)| erased.as_ref().unwrap_or(image)).collect();
         let felt = feeler.feel(&seen)?;
         for ((felt, told), (name, _)) in felt.iter().zip(told.iter_mut()).zip(sensors()) {
             if let Some(felt) = felt.as_ref().filter(|felt| felt.press.is_none())

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::axis::TurnAxis;
 use crate::clock::CONTROL_HZ;
 use crate::controller::Controller;
-use crate::gait::{self, AUTO, Gait, UnknownGait};
+use crate::gait::{self, Gait, UnknownGait, is_left_open};
 use crate::schedule::{SHORTEST_PART_S, Schedule, ScheduledGait};
 use crate::shape::ObjectShape;
 
@@ -270,9 +270,9 @@ pub struct ChosenController {
     pub policy_sha256: Option<String>,
     /// The controllers that follow one another; empty if there is only one.
     pub schedule: Schedule,
-    /// Why the object may fall; `None` if it has the size for which the controller was tuned, or suits `auto`.
+    /// Why the object may fall; `None` if it has the size for which the controller was tuned, or a gait suits it.
     pub misfit: Option<String>,
-    /// The choice was left to `auto`, and the object may fall.
+    /// The choice was left open, and the object may fall.
     pub falls: bool,
 }
 
@@ -290,7 +290,7 @@ impl ChosenController {
     }
 }
 
-/// Returns the controller of a name or file; for `auto` the gait that suits the object.
+/// Returns the controller of a name or file; for `suited` and `auto` the gait that suits the object.
 ///
 /// # Errors
 /// [`ControllerFileError`] if there is no such controller, or it does not fit this hand.
@@ -307,7 +307,7 @@ pub fn choose(text: &str, object: &Object, hand: &Hand) -> Result<ChosenControll
         return Ok(ChosenController::of_file(text, file, object));
     }
     let (name, gait) = gait::choose(text, object, hand)?;
-    let unsuited = if text == AUTO { ObjectShape::of(object).unsuited() } else { None };
+    let unsuited = if is_left_open(text) { ObjectShape::of(object).unsuited() } else { None };
     Ok(ChosenController {
         name: name.to_owned(),
         gait: gait.clone(),
@@ -383,7 +383,7 @@ fn shipped_of(hand: &str) -> Vec<(&'static str, ControllerFile)> {
     of_hand.filter_map(|(_, name, text)| Some((*name, toml::from_str(text).ok()?))).collect()
 }
 
-/// Returns the shipped controller of this name, or of `auto`, for a hand that is not the Allegro. `None` if none is shipped for this hand.
+/// Returns the shipped controller of this name, or the one that suits every object, for a hand that is not the Allegro. `None` if none is shipped for this hand.
 fn of_rig(name: &str, hand: &Hand) -> Result<Option<(&'static str, ControllerFile)>, ControllerFileError> {
     let files = if is_path(name) || gait::suits(hand) { Vec::new() } else { shipped_of(hand.name()) };
     if files.is_empty() {
@@ -391,7 +391,7 @@ fn of_rig(name: &str, hand: &Hand) -> Result<Option<(&'static str, ControllerFil
     }
     let names = files.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ");
     let unknown = || UnknownGait::OfHand { hand: hand.name().to_owned(), name: name.to_owned(), names };
-    let (name, file) = files.into_iter().find(|(known, _)| [*known, AUTO].contains(&name)).ok_or_else(unknown)?;
+    let (name, file) = files.into_iter().find(|(known, _)| *known == name || is_left_open(name)).ok_or_else(unknown)?;
     file.check(hand).map_err(|reason| ControllerFileError::File { path: PathBuf::from(name), reason })?;
     Ok(Some((name, file)))
 }

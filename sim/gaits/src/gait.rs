@@ -127,7 +127,14 @@ pub fn shipped() -> &'static BTreeMap<String, Gait> {
 }
 
 /// Stands for the gait that suits the object.
+pub const SUITED: &str = "suited";
+/// Stands for the same where a gait is needed. Where any controller may play, a policy may take its place.
 pub const AUTO: &str = "auto";
+
+/// Returns whether this name leaves the choice of the gait to the object.
+pub fn is_left_open(name: &str) -> bool {
+    [SUITED, AUTO].contains(&name)
+}
 
 /// Reason that there is no such gait.
 #[derive(Debug, thiserror::Error)]
@@ -181,12 +188,12 @@ pub fn find_for(hand: &Hand, name: &str) -> Result<(&'static str, &'static Gait)
     if suits(hand) { find(name) } else { Err(UnknownGait::Hand(hand.name().to_owned())) }
 }
 
-/// Returns the shipped gait of this name for this hand, or for `auto` the gait that suits the object, with its name.
+/// Returns the shipped gait of this name for this hand, or the gait that suits the object ([`is_left_open`]), with its name.
 ///
 /// # Errors
 /// [`UnknownGait`], which lists the names, or says that the hand has no shipped gaits.
 pub fn choose(name: &str, object: &Object, hand: &Hand) -> Result<(&'static str, &'static Gait), UnknownGait> {
-    find_for(hand, if name == AUTO { suited_to(object) } else { name })
+    find_for(hand, if is_left_open(name) { suited_to(object) } else { name })
 }
 
 /// Returns the name of the shipped gait that suits an object, by its size and by whether it rolls. Each choice is the one that

@@ -132,7 +132,7 @@ pub fn example(
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(index);
     let sensor = sensors[rng.random_range(0..sensors.len())];
-    let [width, height] = sensor.profile.size_px;
+    let [width, height] = sensor.profile().size_px;
     let noise = Some(NoiseKey { seed: seed ^ index, pad: 0, frame: 0 });
     let mut press_mm = 0.0;
     if rng.random_bool(config.untouched) {
@@ -148,7 +148,7 @@ pub fn example(
             let surfaces =
                 if config.small > 0.0 && rng.random_bool(config.small) { objects::small() } else { surfaces };
             let surface = &surfaces[rng.random_range(0..surfaces.len())];
-            let contact = Contact::draw(surface, &sensor.profile, config, &mut rng);
+            let contact = Contact::draw(surface, sensor.profile(), config, &mut rng);
             press_mm = contact.press_mm;
             sensor.renderer.render(&surface.rays, contact.gel_from_object, noise, frame);
             let excess = sensor.deepest_mm(frame) - press_mm;

@@ -25,7 +25,7 @@ pub struct PressSensor {
     /// Untouched image, without noise.
     pub(crate) untouched: RgbImage,
     /// Its camera and gel.
-    pub(crate) profile: SensorProfile,
+    profile: SensorProfile,
     /// Whether it looks like a real sensor.
     pub(crate) is_real: bool,
     gel_depth_m: Vec<f32>,
@@ -86,6 +86,11 @@ impl PressSensor {
         let renderer = TouchRenderer::new(&options)?;
         let gel_depth_m = renderer.gel_depth_m().into_raw_vec_and_offset().0;
         Ok(Self { renderer, untouched: background, profile, is_real: true, gel_depth_m })
+    }
+
+    /// Returns its camera, gel and look.
+    pub fn profile(&self) -> &SensorProfile {
+        &self.profile
     }
 
     /// Returns the indentation of each pixel of a frame of this sensor, millimetres.

@@ -16,6 +16,7 @@ use mvt_frames::{Camera, Isometry, MeshFile, Object, World};
 use mvt_perceive::{LabelSource, Perception, PerceptionConfig, PerceptionSetup, Seen, true_press};
 use mvt_render::depth_noise;
 use mvt_render::depth_noise::FrameId;
+use mvt_robot::digit::profile::SensorProfile;
 use mvt_robot::hand::{Hand, PerPad};
 use mvt_robot::observation::{Observation, Rgbd, SensorName};
 use mvt_robot::rig::Placement;
@@ -120,7 +121,7 @@ impl LogSource {
         // A live run knew none of the later images.
         if touch == TouchPart::Images && log.live().is_none() {
             for (pad, of) in hand.pads().iter().enumerate() {
-                perception.learn_untouched(pad, &spread_images(&log, pad, of.profile.size_px))?;
+                perception.learn_untouched(pad, &spread_images(&log, pad, &of.profile))?;
             }
         }
         let frames = log.into_partial_frames(&chosen, touch);
@@ -404,15 +405,15 @@ const UNTOUCHED_FROM: usize = 31;
 /// In a shorter log an object may stay at one place of a gel, seconds.
 const UNTOUCHED_SPAN_S: f64 = 10.0;
 
-/// Images of a sensor over a log's length; empty if the log is too short or too few can be read.
-fn spread_images(log: &Log, pad: usize, size_px: [usize; 2]) -> Vec<RgbImage> {
+/// Images of a sensor over a log's length; empty if too few can be read, or the log is too short and the sensor can be read without.
+fn spread_images(log: &Log, pad: usize, profile: &SensorProfile) -> Vec<RgbImage> {
     let times_s = log.times_s();
     let span_s = times_s.last().zip(times_s.first()).map_or(0.0, |(last, first)| last - first);
-    if span_s < UNTOUCHED_SPAN_S {
+    if span_s < UNTOUCHED_SPAN_S && profile.appearance.is_none() {
         return Vec::new();
     }
     let every = times_s.len().div_ceil(UNTOUCHED_FROM).max(1);
-    let size = (size_px[0] as u32, size_px[1] as u32);
+    let size = profile.size_px.map(|px| px as u32).into();
     let images = (0..times_s.len()).step_by(every).filter_map(|i| log.touch_image(pad, i).ok());
     let images: Vec<RgbImage> = images.filter(|image| image.dimensions() == size).collect();
     if images.len() > UNTOUCHED_FROM / 2 { images } else { Vec::new() }
