@@ -12,9 +12,9 @@ import argparse
 import json
 import math
 import statistics
-import subprocess
-import sys
 from pathlib import Path
+
+from program import caller
 
 ROOT = Path(__file__).resolve().parents[1]
 OBJECTS = ("005_tomato_soup_can,010_potted_meat_can,017_orange,061_foam_brick,054_softball,rubiks_cube_small,013_apple,large_dice,056_tennis_ball,"
@@ -58,11 +58,7 @@ def main():
     out = arguments.out
     out.mkdir(parents=True, exist_ok=True)
 
-    def call(*words):
-        result = subprocess.run([arguments.program.resolve(), *map(str, words)], capture_output=True, text=True)
-        if result.returncode != 0:
-            sys.exit(f"{' '.join(map(str, words))}: {result.stderr.strip()}")
-        return result.stdout
+    call = caller(arguments.program)
 
     shapes = [f"random:{seed}" for seed in range(1000, 1000 + arguments.shapes)]
     rows = {name: scores(call, objects, arguments.starts, out / f"{name}.jsonl") for name, objects in (("shapes", shapes), ("objects", OBJECTS))}

@@ -14,12 +14,12 @@ import json
 import math
 import shutil
 import statistics
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
+
+from program import caller
 
 ROOT = Path(__file__).resolve().parents[1]
 OBJECTS = ["077_rubiks_cube", "010_potted_meat_can", "025_mug", "055_baseball", "013_apple"]
@@ -105,11 +105,7 @@ def main():
     arguments.out.mkdir(parents=True, exist_ok=True)
     parts = arguments.only.split(",")
 
-    def call(*words):
-        result = subprocess.run([arguments.program.resolve(), *map(str, words)], capture_output=True, text=True)
-        if result.returncode != 0:
-            sys.exit(f"{' '.join(map(str, words))}: {result.stderr.strip()}")
-        return result.stdout
+    call = caller(arguments.program)
 
     def lines(name, rows):
         rows = list(rows)

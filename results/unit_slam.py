@@ -14,10 +14,10 @@ import json
 import math
 import shutil
 import statistics
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+
+from program import caller
 
 ROOT = Path(__file__).resolve().parents[1]
 OBJECTS = ["005_tomato_soup_can", "017_orange", "061_foam_brick", "large_dice", "018_plum"]
@@ -38,11 +38,7 @@ def main():
     out, objects = arguments.out, arguments.objects.split(",")
     out.mkdir(parents=True, exist_ok=True)
 
-    def call(*words):
-        result = subprocess.run([arguments.program.resolve(), *map(str, words)], capture_output=True, text=True)
-        if result.returncode != 0:
-            sys.exit(f"{' '.join(map(str, words))}: {result.stderr.strip()}")
-        return result.stdout
+    call = caller(arguments.program)
 
     profiles = out / "profiles"
     if not profiles.exists():
