@@ -131,13 +131,17 @@ impl TouchSensors {
             if self.first[pad].len() < FIRST_IMAGES {
                 continue;
             }
-            let first = self.first[pad].clone();
+            let first = std::mem::take(&mut self.first[pad]);
             let name = SensorName::Touch(name.clone());
             warnings.push(match self.learn_untouched(pad, &first) {
                 Ok(()) => format!(
                     "frame {frame}: the untouched image of {name} is not known; it is estimated from the first {FIRST_IMAGES} images, which must show no contact"
                 ),
-                Err(error) => format!("frame {frame}: {name} is not read: its untouched image cannot be estimated: {error}"),
+                Err(error) => {
+                    // It is not tried again.
+                    self.first[pad] = first;
+                    format!("frame {frame}: {name} is not read: its untouched image cannot be estimated: {error}")
+                }
             });
         }
     }
