@@ -4,31 +4,8 @@ use rand::seq::IndexedRandom as _;
 use rand::{Rng, RngExt as _};
 
 /// Numbers in text that readers may not expect.
-const NUMBERS: &[&str] = &[
-    "0",
-    "-1",
-    "1",
-    "255",
-    "256",
-    "65536",
-    "2147483647",
-    "2147483648",
-    "4294967295",
-    "4294967296",
-    "9223372036854775807",
-    "18446744073709551615",
-    "18446744073709551616",
-    "-9223372036854775808",
-    "NaN",
-    "nan",
-    "inf",
-    "-inf",
-    "1e308",
-    "1e999",
-    "-1e308",
-    "1e-320",
-    "0.1",
-];
+const NUMBERS: &str = "0 -1 1 255 256 65536 2147483647 2147483648 4294967295 4294967296 9223372036854775807 18446744073709551615 \
+                       18446744073709551616 -9223372036854775808 NaN nan inf -inf 1e308 1e999 -1e308 1e-320 0.1";
 /// Words that mean something to one reader or another.
 const WORDS: &[&str] = &[
     "null",
@@ -122,7 +99,8 @@ fn change(bytes: &mut Vec<u8>, original: &[u8], random: &mut impl Rng) {
             bytes.splice(at..at, noise);
         }
         7 | 8 => {
-            let number = *NUMBERS.choose(random).unwrap_or(&"0");
+            let numbers: Vec<&str> = NUMBERS.split(' ').collect();
+            let number = *numbers.choose(random).unwrap_or(&"0");
             let range = number_at(bytes, at).unwrap_or(at..at);
             bytes.splice(range, number.bytes());
         }

@@ -61,24 +61,25 @@ pub fn mcap_without_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// Makes an archive with one array.
-pub fn npz(array: &[u8]) -> Vec<u8> {
+/// Makes an archive of these files.
+fn stored(files: &[(&str, &[u8])]) -> Vec<u8> {
     let mut archive = zip::ZipWriter::new(Cursor::new(Vec::new()));
     let options = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
-    archive.start_file("depth.npy", options).unwrap();
-    archive.write_all(array).unwrap();
-    archive.finish().unwrap().into_inner()
-}
-
-/// Makes an archive with a small array of depths and the array as their scale.
-pub fn npz_scale(array: &[u8]) -> Vec<u8> {
-    let mut archive = zip::ZipWriter::new(Cursor::new(Vec::new()));
-    let options = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
-    for (name, bytes) in [("depth.npy", npy("(2, 12, 16, )", 2 * 12 * 16).as_slice()), ("depth_scale.npy", array)] {
+    for &(name, bytes) in files {
         archive.start_file(name, options).unwrap();
         archive.write_all(bytes).unwrap();
     }
     archive.finish().unwrap().into_inner()
+}
+
+/// Makes an archive with one array.
+pub fn npz(array: &[u8]) -> Vec<u8> {
+    stored(&[("depth.npy", array)])
+}
+
+/// Makes an archive with a small array of depths and the array as their scale.
+pub fn npz_scale(array: &[u8]) -> Vec<u8> {
+    stored(&[("depth.npy", npy("(2, 12, 16, )", 2 * 12 * 16).as_slice()), ("depth_scale.npy", array)])
 }
 
 /// Returns an array of f4 in NumPy's format.

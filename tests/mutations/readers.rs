@@ -77,6 +77,14 @@ fn write_log(folder: &Path) -> PathBuf {
     place
 }
 
+/// Reads all of a log; returns whether it passes an inspection.
+fn read_log(place: &Path) -> bool {
+    if let Ok(log) = Log::open_tolerant(place) {
+        log.into_partial_frames(&[0], TouchPart::Images).for_each(drop);
+    }
+    inspect(place).is_ok()
+}
+
 #[test]
 fn log() {
     let folder = tempfile::tempdir().unwrap();
@@ -91,14 +99,7 @@ fn log() {
         "allegro/index/mask/0.jpg",
     ];
     let files = Files { folder: write_log(folder.path()), names };
-    check("log", &files.originals(), |number, bytes| {
-        files.with(number, bytes, |place| {
-            if let Ok(log) = Log::open_tolerant(place) {
-                log.into_partial_frames(&[0], TouchPart::Images).for_each(drop);
-            }
-            inspect(place).is_ok()
-        })
-    });
+    check("log", &files.originals(), |number, bytes| files.with(number, bytes, read_log));
 }
 
 /// As `log`, with the images in one archive.
@@ -110,14 +111,7 @@ fn compact_log() {
     let archive = fs::read(place.join("frames.zip")).unwrap();
     let files = Files { folder: place, names: vec!["frames.zip"; 2] };
     let originals = [Original::new(archive.clone()), Original { bytes: archive, finish: zip_with_checksums }];
-    check("compact_log", &originals, |number, bytes| {
-        files.with(number, bytes, |place| {
-            if let Ok(log) = Log::open_tolerant(place) {
-                log.into_partial_frames(&[0], TouchPart::Images).for_each(drop);
-            }
-            inspect(place).is_ok()
-        })
-    });
+    check("compact_log", &originals, |number, bytes| files.with(number, bytes, read_log));
 }
 
 /// An import of an export; every second input has no checksums of chunks, so that damage inside them is read.

@@ -295,7 +295,9 @@ def main():
     shared = Path(tempfile.mkdtemp(prefix="kills-shared-"))
     results, is_wrong = {}, False
     try:
-        durations = prepare(program, shared, [arguments.only] if arguments.only else COMMANDS)
+        # Those whose turn it will be.
+        turns = list(COMMANDS)[: max(arguments.kills, arguments.pairs)]
+        durations = prepare(program, shared, [arguments.only] if arguments.only else turns)
         commands = list(durations)
         for kind, disturb, count in (("kill", kill, arguments.kills), ("pair", pair, arguments.pairs)):
             done = 0

@@ -7,9 +7,6 @@ use crate::dependencies::members;
 use crate::modules::Tree;
 use crate::nothing_offends;
 
-/// Names that several crates may use, each with the reason.
-const SHARED: [(&str, &str); 0] = [];
-
 /// Names of the types that a line defines for all crates to see.
 fn defined(line: &str) -> Option<&str> {
     let rest = line.trim_start().strip_prefix("pub ")?;
@@ -35,14 +32,10 @@ fn public_type_names_are_unique() {
     }
     let offenders: Vec<String> = places
         .iter()
-        .filter(|(name, files)| files.len() > 1 && !SHARED.iter().any(|(shared, _)| shared == name))
+        .filter(|(_, files)| files.len() > 1)
         .map(|(name, files)| format!("{name}: {}", files.iter().cloned().collect::<Vec<_>>().join(", ")))
         .collect();
     nothing_offends("the name of a public type means one thing in the whole workspace", &offenders);
-    for (name, reason) in SHARED {
-        let count = places.get(name).map_or(0, BTreeSet::len);
-        assert!(count > 1, "{name} is shared no more ({reason}): drop it from SHARED");
-    }
 }
 
 #[test]

@@ -1,5 +1,6 @@
-//! Pages: their links lead somewhere, the front page stays short, and the index names every page.
+//! Pages: their links lead somewhere, the front page stays short, the index names every page, and sources link to the decisions.
 
+use std::collections::BTreeSet;
 use std::path::{Component, Path, PathBuf};
 
 use crate::nothing_offends;
@@ -9,6 +10,8 @@ use crate::sources::{files, read, root};
 const WORDS: usize = 900;
 /// Fewest links of README.md to other projects.
 const OUTSIDE: usize = 8;
+/// Decisions about the layout, which act in no single place.
+const OF_THE_LAYOUT: [&str; 4] = ["crates.md", "deliberately_absent.md", "files.md", "limits_of_the_scores.md"];
 
 fn pages() -> impl Iterator<Item = PathBuf> {
     files().into_iter().filter(|file| file.extension().is_some_and(|ending| ending == "md"))
@@ -79,4 +82,34 @@ fn the_index_names_every_page() {
         .filter(|name| !links.contains(&name.as_str()))
         .collect();
     nothing_offends("docs/README.md does not lead to these pages", &missing);
+}
+
+/// A link is a comment of its own, such as `Why: notes/decisions/touch.md, "One matrix product".`
+#[test]
+fn decisions_are_linked_from_where_they_act() {
+    let (mut known, mut unlinked) = (BTreeSet::new(), BTreeSet::new());
+    for page in pages().filter(|page| page.starts_with("notes/decisions")) {
+        for heading in read(&page).lines().filter_map(|line| line.strip_prefix("## ")) {
+            let link = format!("{}, \"{heading}\".", page.display());
+            if !OF_THE_LAYOUT.iter().any(|name| page.ends_with(name)) {
+                unlinked.insert(link.clone());
+            }
+            known.insert(link);
+        }
+    }
+    let mut offenders = Vec::new();
+    let ends = |file: &Path| file.extension().is_some_and(|end| ["py", "rs", "sh", "toml"].iter().any(|e| end == *e));
+    // The names of CI's scripts have no ending.
+    for file in files().into_iter().filter(|file| ends(file) || file.starts_with(".ci")) {
+        let text = read(&file);
+        let reasons = text.lines().filter_map(|line| line.split_once("/ Why: ").or_else(|| line.split_once("# Why: ")));
+        for (_, link) in reasons.filter(|(_, link)| link.starts_with("notes/decisions/")) {
+            unlinked.remove(link);
+            if !known.contains(link) {
+                offenders.push(format!("{}: {link}", file.display()));
+            }
+        }
+    }
+    nothing_offends("these links lead to no decision", &offenders);
+    nothing_offends("no source links to these decisions", &unlinked.into_iter().collect::<Vec<_>>());
 }

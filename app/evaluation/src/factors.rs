@@ -10,6 +10,7 @@ use super::EvaluateArguments;
 /// The variant with all factors.
 pub const FULL: &str = "full";
 
+// Why: notes/decisions/settings.md, "Factors that the ablation does not justify".
 /// Settings that are 0 in an ablation.
 const FACTORS: [&str; 16] = [
     "slam.tracker.camera_weight",

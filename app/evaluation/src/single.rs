@@ -79,6 +79,7 @@ impl SingleRun {
     /// # Errors
     /// As [`SingleRun::check`], and if the episode cannot be simulated.
     pub fn run(&self) -> Result<Line> {
+        // Why: notes/decisions/sweeps.md, "Results depend on no clock".
         let config = self.config()?;
         let object = load_object(&self.object)?;
         let rig = LoadedHand::allegro(Side::Left);

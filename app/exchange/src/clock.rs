@@ -2,6 +2,7 @@
 
 use nalgebra::Isometry3;
 
+// Why: notes/decisions/exchange.md, "Clocks are compared by the median of recording time less stated time".
 /// Sensors whose clocks differ by less are on one clock, and the difference is the time of transport, nanoseconds.
 const ONE_CLOCK_NS: i64 = 250_000_000;
 /// A message whose time deviates by more from its neighbours' distance to the recording's clock has a wrong time, nanoseconds.

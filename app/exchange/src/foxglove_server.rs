@@ -1,5 +1,7 @@
 //! A run over WebSocket, for Foxglove, rerun's and other programs that show it while it goes on.
 
+// Why: notes/decisions/viewing.md, "Foxglove reads the recording, not the run".
+
 use std::collections::BTreeMap;
 use std::io;
 use std::net::IpAddr;

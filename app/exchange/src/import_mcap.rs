@@ -98,6 +98,7 @@ fn import(
     out: &Path,
     progress: &mut impl FnMut(usize, usize),
 ) -> Result<Imported, Defect> {
+    // Why: notes/decisions/exchange.md, "A file is read more than once, record by record".
     let mapping = match given {
         Some(mapping) => mapping,
         None => Mapping::of_our_export(topics(source)?.iter().map(String::as_str)),

@@ -1,6 +1,8 @@
 //! Writer of Parquet files: plain, uncompressed pages, of the few types that data sets of LeRobot need.
 //! The format is that of <https://parquet.apache.org/docs/file-format>.
 
+// Why: notes/decisions/exchange.md, "Parquet is written by us and read by the crate `parquet`".
+
 use std::io::{self, Write};
 
 const MAGIC: &[u8] = b"PAR1";

@@ -29,6 +29,7 @@ pub(crate) fn file_of<'a>(
     touch: Option<&TouchMapping>,
     size: (usize, usize),
 ) -> Result<Cow<'a, [u8]>, String> {
+    // Why: notes/decisions/exchange.md, "Images stay the bytes of their file".
     let turned = touch.filter(|touch| touch.quarter_turns % 4 != 0 || touch.bgr);
     let size = (size.0 as u32, size.1 as u32);
     let expected = (!matches!(image, LogImage::Touch(_))).then_some(size);

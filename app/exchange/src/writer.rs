@@ -1,5 +1,7 @@
 //! Writer of MCAP files (<https://mcap.dev/spec>): chunks of messages, compressed with LZ4, and an index at the end.
 
+// Why: notes/decisions/exchange.md, "Our own MCAP and protobuf".
+
 use std::io::{self, Write};
 
 use crc32fast::Hasher;

@@ -4,6 +4,8 @@
 //! Everything becomes triangles in screen coordinates, which are sorted into bands of rows; one thread draws each band.
 //! The first of equally near triangles wins, so that the picture does not depend on the number of threads.
 
+// Why: notes/decisions/viewing.md, "Our own rasteriser".
+
 use glam::{Mat3A, Vec2, Vec3, Vec3A};
 use image::{Rgb, RgbImage};
 use mvt_frames::camera::Intrinsics;

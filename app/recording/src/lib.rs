@@ -47,6 +47,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+// Why: notes/decisions/viewing.md, "A folder between run and viewer, not a channel".
+
 mod feelsight_log;
 mod file_names;
 mod images;

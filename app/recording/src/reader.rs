@@ -346,6 +346,7 @@ impl About {
 
 /// Reads the status of a run.
 fn status(folder: &Path) -> Status {
+    // Why: notes/decisions/viewing.md, "A file lock shows whether a run lives".
     if let Ok(text) = input::read(&folder.join(file_names::END), LARGEST_TEXT) {
         return match serde_json::from_slice(&text) {
             Ok(EndFile { complete: true }) => Status::Finished,

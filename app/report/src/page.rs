@@ -15,6 +15,7 @@ use crate::row::{ReportRow, RunKind};
 use crate::statistics::{Estimate, RESAMPLES, mean};
 
 const STYLE: &str = include_str!("../assets/style.css");
+// Why: notes/decisions/viewing.md, "The shapes of a report are painted with WebGL, or by a rasteriser of ours on a plain canvas".
 const SCRIPT: [&str; 2] = [include_str!("../assets/view3d.js"), include_str!("../assets/page.js")];
 /// Most kinds of runs in the plots that compare them.
 const MOST_KINDS: usize = 24;
@@ -38,6 +39,7 @@ const MOST_NAMES: usize = 3;
 impl Page<'_> {
     /// Writes the page as HTML.
     pub fn html(&self) -> String {
+        // Why: notes/decisions/viewing.md, "A report is one file without requests".
         let title = escaped(&self.title());
         let kinds = self.runs.kinds();
         let comparison = self.against.map(|old| Comparison::new(self.runs, old).html()).unwrap_or_default();

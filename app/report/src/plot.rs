@@ -1,5 +1,7 @@
 //! Plots as SVG that follows the page's colours.
 
+// Why: notes/decisions/viewing.md, "Statistics and plots of a report are made in Rust, tables and shapes in its script".
+
 use std::fmt::Write as _;
 
 use crate::encode::escaped;

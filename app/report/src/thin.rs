@@ -17,6 +17,7 @@ const LEAST_COSINE: f64 = 0.3;
 ///
 /// Every corner of a face must be a vertex.
 pub fn thinned(mesh: &Mesh, most: usize) -> Mesh {
+    // Why: notes/decisions/viewing.md, "Edges are collapsed in the shapes of a report".
     let mut thinning = Thinning::new(mesh);
     while thinning.count > most.max(4) {
         let Some(Reverse(edge)) = thinning.queue.pop() else { break };

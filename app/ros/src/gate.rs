@@ -61,6 +61,7 @@ impl DriveFault {
     }
 }
 
+// Why: notes/decisions/live.md, "Only a gate makes targets that can be sent".
 /// Targets that keep the limits: only a [`CommandGate`] makes them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SafeTargets(JointAngles);

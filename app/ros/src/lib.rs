@@ -21,6 +21,8 @@
 //! # Ok::<(), String>(())
 //! ```
 
+// Why: notes/decisions/live.md, "`ros` apart from `bag` and `run`, and `simulated_robot` apart from `ros`".
+
 mod bus;
 mod cdr_writer;
 mod clock;

@@ -216,6 +216,7 @@ impl Explorer {
 
     /// Compares the patches that the options would show.
     fn look(&mut self, belief: &Belief, outlook: &Outlook<'_>, patches: &[FrontierPatch]) -> Option<Directive> {
+        // Why: notes/decisions/estimation.md, "The explorer counts unseen cells on the hull, not the variance of the field".
         let time_s = belief.time_s;
         self.looked_s = time_s;
         self.compare_with_promise(time_s, outlook);

@@ -1,5 +1,7 @@
 //! Frames of a video or a camera, which the program ffmpeg decodes.
 
+// Why: notes/decisions/touch.md, "Videos and cameras come through the program ffmpeg".
+
 use std::io::{BufRead, BufReader, Read as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStderr, ChildStdout, Command, Stdio};

@@ -64,6 +64,7 @@ pub struct Noise {
     pub camera_depth: Option<f64>,
 }
 
+// Why: notes/decisions/simulation.md, "Logs store exact camera depth by default".
 /// Noise in the recorded images, by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -282,6 +282,7 @@ fn steps(
             }
             number += 1;
         }
+        // Why: notes/decisions/live.md, "A simulated robot rests until its first command".
         if let Some(targets) = &targets {
             episode.advance(1, Some(targets));
         }

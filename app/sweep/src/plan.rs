@@ -83,6 +83,7 @@ impl InputSums {
     /// # Errors
     /// If a file that the settings name cannot be read.
     pub fn id(&self, command: TaskCommand, settings: &TaskSettings) -> Result<String> {
+        // Why: notes/decisions/sweeps.md, "A task's name is the checksum of everything that decides its result".
         let mut files = Vec::new();
         for key in FILES {
             let Some(name) = settings.get(key).and_then(|value| value.as_str()) else { continue };

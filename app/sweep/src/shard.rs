@@ -4,6 +4,7 @@ use std::str::FromStr;
 
 use anyhow::{Context as _, Result, bail, ensure};
 
+// Why: notes/decisions/sweeps.md, "Shards are fixed, and no task is claimed".
 /// Part of a plan: task k belongs to shard k modulo the number of shards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {

@@ -141,6 +141,7 @@ impl Store {
     /// # Errors
     /// If the file system refuses.
     pub fn begin(&self, id: &str, most: u32) -> Result<Option<u32>> {
+        // Why: notes/decisions/sweeps.md, "An attempt is noted before it begins".
         for number in 1..=most {
             let path = self.attempt(id, number);
             match fs::File::create_new(&path) {

@@ -1,6 +1,8 @@
 //! Points of the object that cameras and touch sensors have seen so far, in its coordinates, from the recorded images and the
 //! estimated poses.
 
+// Why: notes/decisions/viewing.md, "The viewer computes colours from images and estimated poses".
+
 use std::collections::{BTreeSet, HashMap};
 
 use glam::{IVec3, Mat3A, Vec3A};

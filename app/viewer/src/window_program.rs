@@ -3,6 +3,8 @@
 //! It is looked for in [`VARIABLE`], beside the program, and on the search path. In a clone it is built by cargo, which also brings it up to
 //! date after a change.
 
+// Why: notes/decisions/viewing.md, "The window is a program of its own".
+
 use std::env;
 use std::ffi::OsString;
 use std::io;

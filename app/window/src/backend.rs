@@ -3,6 +3,8 @@
 //! Our own rasteriser paints the scene, so that the window shows only pictures and widgets. One backend is enough, and
 //! wgpu would double the build time.
 
+// Why: notes/decisions/viewing.md, "The window uses OpenGL alone".
+
 use std::cell::Cell;
 use std::panic::{self, AssertUnwindSafe};
 

@@ -24,6 +24,7 @@ pub trait Work: Send + 'static {
     }
 }
 
+// Why: notes/decisions/viewing.md, "The newest order, never a queue".
 /// Handle of a thread that serves the newest request.
 pub struct LatestWorker<W: Work> {
     channel: Arc<Channel<W>>,

@@ -11,6 +11,7 @@ use mvt_viewer::run_choices::RunChoices;
 /// Largest file of messages that is read, bytes.
 const LARGEST_ERRORS: u64 = 1 << 20;
 
+// Why: notes/decisions/viewing.md, "Runs that the window starts are separate processes".
 /// Run that this window has started.
 #[derive(Debug)]
 pub struct StartedRun {

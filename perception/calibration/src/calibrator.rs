@@ -34,6 +34,7 @@ settings! {
         pub lag_sigma_s: f64 = 0.03, 0.0..=1.0;
         /// Points of the hand used per image.
         pub points: usize = 400, 10..=100_000;
+        // Why: notes/decisions/calibration.md, "Some tens of instants, spread over the run, are solved together".
         /// Instants that are solved together. They are spread over the time since the start.
         pub instants: usize = 24, 2..=1000;
         /// Points of an image with independent errors: neighbours share noise, and all share the errors of the hand's model.

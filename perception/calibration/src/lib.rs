@@ -21,6 +21,8 @@
 //! assert_eq!(calibrator.calibration().joint_sigmas_deg[0].round(), 1.0);
 //! ```
 
+// Why: notes/decisions/calibration.md, "Cameras, joint offsets and lag come from the hand, not from the object".
+
 mod calibration;
 mod calibrator;
 mod evidence;

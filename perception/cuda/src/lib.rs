@@ -32,6 +32,8 @@
 //! # }
 //! ```
 
+// Why: notes/decisions/touch.md, "Own CUDA kernels, burn as the judge".
+
 mod attention;
 mod gpu;
 mod inference;

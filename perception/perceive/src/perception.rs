@@ -145,6 +145,7 @@ impl Perception {
             labels.push(given);
             poses.push(world_from_camera);
         }
+        // Why: notes/decisions/calibration.md, "Calibration comes before pixels are labelled".
         let calibrated = self.calibrator.observe(time_s, &joints, self.next_joints.take(), &depths_m);
         calibrated.skip(&mut depths_m);
         if calibrated.is_frozen {

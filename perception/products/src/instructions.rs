@@ -5,6 +5,7 @@ use pulp::{Scalar128b, Simd, WithSimd};
 #[cfg(target_arch = "x86_64")]
 use crate::detect::{has_amx, has_bf16, is_intel};
 
+// Why: notes/decisions/touch.md, "f32 between products".
 /// Instruction sets that the kernels are compiled for.
 ///
 /// The first two round the operands of matrix products to bf16 and add in f32; everything else is f32 on every path. Paths sum in
@@ -35,6 +36,7 @@ impl Instructions {
 
     /// Returns the fastest instruction set of this machine.
     pub fn best() -> Self {
+        // Why: notes/decisions/touch.md, "Instructions are chosen by processor model, never by a clock".
         // Intel's cores start one product of bf16 pairs per cycle but two of f32; AMD's cores start as many of both.
         let is_slower = |set: &Self| *set == Self::Avx512Bf16 && is_intel();
         Self::available().find(|set| !is_slower(set)).unwrap_or(Self::Scalar)

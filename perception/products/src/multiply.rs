@@ -6,6 +6,8 @@
 //! vectors. No other crate offers bf16 products on x86 or leaves the left operand in place; in f32 the packed kernel is as fast as
 //! that of `gemm`.
 
+// Why: notes/decisions/touch.md, "One matrix product".
+
 #[cfg(target_arch = "x86_64")]
 mod amx;
 mod block;

@@ -58,6 +58,7 @@ pub fn segment(
     grasp: Option<Point<World>>,
     config: &SegmentationConfig,
 ) -> Array2<Label> {
+    // Why: notes/decisions/estimation.md, "Segmentation from depth and the hand alone".
     let (height, width) = depth_m.dim();
     let rays = Rays::new(intrinsics, world_from_camera);
     let grasp = grasp.map(|point| {

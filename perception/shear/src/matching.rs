@@ -13,6 +13,7 @@ pub(crate) fn follow(
     centre: Option<[f64; 2]>,
     pitch: f64,
 ) -> Vec<Option<[f64; 2]>> {
+    // Why: notes/decisions/touch.md, "Dots are followed from the border inwards, then assigned anew by the fit".
     let distance = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
     let mut order: Vec<usize> = (0..untouched.len()).collect();
     if let Some(centre) = centre {

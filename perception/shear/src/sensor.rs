@@ -171,6 +171,7 @@ impl ShearSensor {
 
     /// Returns an image in which the colours around the dots fill them.
     pub fn erased(&self, image: &RgbImage) -> RgbImage {
+        // Why: notes/decisions/touch.md, "A network never sees dots".
         let mut erased = image.clone();
         self.finder.erase(&self.finder.find(image), &mut erased);
         erased

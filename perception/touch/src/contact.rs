@@ -282,6 +282,7 @@ fn feel(
     image: &RgbImage,
     state: &mut TouchSensor,
 ) -> Result<Outcome, UnfitImage> {
+    // Why: notes/decisions/touch.md, "The network's prediction for the untouched gel is subtracted, too".
     let mut squares = squares(image);
     let mut plausibility = exposure(image).min(contrast(&squares)).min(state.light.plausibility());
     // A real camera's exposure drifts; the light of the simulated ones is constant.

@@ -13,6 +13,7 @@ pub const EVEN: u8 = 96;
 
 /// Subtracts the untouched image of the same sensor from an image and adds [`EVEN`]. Both hold levels in the same order.
 pub fn subtract_untouched(untouched: &[u8], image: &mut [u8]) {
+    // Why: notes/decisions/touch.md, "The untouched image is subtracted".
     for (level, &empty) in image.iter_mut().zip(untouched) {
         *level = (i16::from(*level) - i16::from(empty) + i16::from(EVEN)).clamp(0, 255) as u8;
     }

@@ -12,6 +12,7 @@ use mvt_products::Instructions;
 use mvt_products::multiply::{LANES, Left, Packed, SharedLeft, Target, Then, Windows, multiply};
 use mvt_touch::network::WeightTensor;
 
+// Why: notes/decisions/touch.md, "Sums in a fixed order, per image or block of rows".
 /// Rows that are multiplied together. Rows are summed per block and then in the order of the blocks, so that the result does not depend
 /// on the number of threads.
 const BLOCK: usize = 1024;

@@ -39,6 +39,7 @@ settings! {
     }
 }
 
+// Why: notes/decisions/touch.md, "Indentation, not depth".
 /// Correct answers for a batch.
 #[derive(Debug, Clone, Default)]
 pub struct Targets {

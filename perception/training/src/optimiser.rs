@@ -33,6 +33,7 @@ const EPS: f32 = 1e-8;
 /// Tensors by name.
 pub type Tensors = BTreeMap<String, WeightTensor>;
 
+// Why: notes/decisions/touch.md, "The optimiser is ours".
 /// Weights in training with the memory of the optimiser.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OptimiserState {

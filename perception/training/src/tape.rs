@@ -3,6 +3,8 @@
 //! A tape belongs to one thread and holds a share of a batch; shares run side by side. Each op is a [`Kernel`], plain loops over
 //! slices in both directions.
 
+// Why: notes/decisions/touch.md, "A tape per share of a batch".
+
 use std::cell::Cell;
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;

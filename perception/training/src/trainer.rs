@@ -250,6 +250,7 @@ impl TouchTrainer {
 
     /// Returns the instructions of the products.
     fn instructions(&self) -> Instructions {
+        // Why: notes/decisions/touch.md, "Training multiplies as inference does, in bf16 where the CPU has tiles".
         let best = Instructions::best();
         if self.config.precision == Precision::Bf16 { best } else { best.exact() }
     }

@@ -267,6 +267,7 @@ impl Hand {
 
     /// Returns the angles of this hand in the mirror image of the pose that a right hand has at `right`. Its own inverse.
     pub fn mirrored(&self, right: &[f64]) -> JointAngles {
+        // Why: notes/decisions/simulation.md, "The left hand is the mirror image, with its scene".
         let flips = |j: usize| self.side() == Side::Left && self.joints().get(j).is_some_and(|joint| joint.mirrors);
         right.iter().enumerate().map(|(j, angle)| if flips(j) { -angle } else { *angle }).collect()
     }

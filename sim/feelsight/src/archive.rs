@@ -12,6 +12,7 @@ use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
 use crate::error::LogError;
 
+// Why: notes/decisions/simulation.md, "Compact logs are images in one stored zip file".
 /// Name of the archive in the folder of a log.
 pub(crate) const ARCHIVE: &str = "frames.zip";
 

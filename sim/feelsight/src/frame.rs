@@ -44,6 +44,7 @@ impl EncodedFrame {
 }
 
 fn encode(observation: &Observation, truth: &GroundTruth, meta: &LogMeta) -> Result<EncodedFrame, String> {
+    // Why: notes/decisions/simulation.md, "Logs store poses of the published mesh".
     let object_from_file = Isometry::<MeshFile, Object>::from_matrix(&meta.scene.object.object_from_file)
         .map_err(|e| format!("object_from_file is {e}"))?;
     if !observation.time_s.is_finite() || observation.joints.iter().any(|q| !q.is_finite()) {

@@ -20,6 +20,7 @@ pub(super) fn encode_color(image: &RgbImage) -> Result<Vec<u8>, String> {
 
 /// Encodes labels or levels as PNG.
 pub(super) fn encode_exact(image: &GrayImage) -> Result<Vec<u8>, String> {
+    // Why: notes/decisions/simulation.md, "Labels are PNG files named .jpg".
     let mut out = Vec::with_capacity(image.len() / 8);
     // Labels are runs of few values, best without a filter.
     PngEncoder::new_with_quality(&mut out, CompressionType::Fast, FilterType::Up)

@@ -1,5 +1,6 @@
 //! Rates of an episode.
 
+// Why: notes/decisions/simulation.md, "Physics at 300 Hz".
 /// Integration steps per second. A multiple of both other rates, so that every sample falls on a step.
 pub const PHYSICS_HZ: u32 = 300;
 /// Commands of the controller per second.

@@ -232,6 +232,7 @@ impl ControllerFile {
 /// Returns the checksum of a hand, 8 hexadecimal digits. A hand that differs moves otherwise with the same angles, whatever the profiles of
 /// its touch sensors. Both sides of the built-in hand have the same.
 pub fn hand_model(hand: &Hand) -> String {
+    // Why: notes/decisions/simulation.md, "A controller file names the hand's checksum".
     let right = Hand::allegro(Side::Right);
     let hand = if gait::suits(hand) { &right } else { &hand.with_profile(&SensorProfile::tacto()) };
     // A description serialises always.

@@ -15,6 +15,7 @@ use crate::schedule::{blend, smooth};
 
 pub use crate::place::{EstimatedPlace, PlaceFeedback, RehearsedPlace, SeenPlace};
 
+// Why: notes/decisions/simulation.md, "In the air, an episode begins with a hand-over".
 /// Time from the start of an episode until the support under the object is taken away, seconds. The fingers have closed
 /// by then.
 pub const HANDED_OVER_S: f64 = 1.0;

@@ -115,6 +115,7 @@ pub fn shipped() -> &'static BTreeMap<String, Gait> {
     struct File {
         gait: Gait,
     }
+    // Why: notes/decisions/settings.md, "Gaits".
     static GAITS: LazyLock<BTreeMap<String, Gait>> = LazyLock::new(|| {
         // Tests parse these files. If one were invalid, its names would be reported as unknown gaits.
         let mut gaits: BTreeMap<String, Gait> =
@@ -199,6 +200,7 @@ pub fn choose(name: &str, object: &Object, hand: &Hand) -> Result<(&'static str,
 /// Returns the name of the shipped gait that suits an object, by its size and by whether it rolls. Each choice is the one that
 /// turned, or at least kept, most objects of its kind in a survey of the catalogue with all controllers.
 pub fn suited_to(object: &Object) -> &'static str {
+    // Why: notes/decisions/simulation.md, "Gaits are chosen by shape, not by name".
     let shape = ObjectShape::of(object);
     let ObjectShape { length_mm: length, width_mm: width, height_mm: height, fill, .. } = shape;
     let is_round = length < 1.1 * width;

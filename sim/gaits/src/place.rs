@@ -5,6 +5,7 @@ use mvt_robot::hand::JointAngles;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
+// Why: notes/decisions/simulation.md, "Feedback in the air is linear in displacement, velocity and summed displacement".
 /// Feedback of a gait on the place of the object, for the right hand.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

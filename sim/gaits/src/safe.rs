@@ -31,6 +31,7 @@ struct TriedObject {
     controllers: Vec<SafeController>,
 }
 
+// Why: notes/decisions/simulation.md, "Controllers that may follow one another are a list by shape".
 /// Largest relative difference in size, and difference in fill, from an object on which changes were tried.
 const SIZE_MARGIN: f64 = 0.05;
 const FILL_MARGIN: f64 = 0.05;

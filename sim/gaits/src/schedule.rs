@@ -59,6 +59,7 @@ impl Schedule {
     }
 }
 
+// Why: notes/decisions/simulation.md, "Between two controllers the hand opens and the palm is levelled".
 /// Turn of gravity during a change: the palm is levelled, so that the open hand keeps the object, and then tilted as the
 /// next controller needs it.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -17,6 +17,7 @@ pub const OBJECT: &str = "object:";
 pub struct Physics {
     /// Integration step, seconds.
     pub timestep_s: f64,
+    // Why: notes/decisions/simulation.md, "Gravity is tilted, not the hand".
     /// Gravity in the world, m/s^2. It is tilted towards the fingertips, because the hand is fixed.
     pub gravity: [f64; 3],
     /// Sliding friction between gel and object.

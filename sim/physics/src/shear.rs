@@ -4,6 +4,8 @@
 //! moves with it; once the spring pulls as strongly as friction can hold, the object slides. The motion of the object, the normal force and
 //! friction are those of MuJoCo, whose own gel is rigid along its surface.
 
+// Why: notes/decisions/touch.md, "The gel is a spring between MuJoCo's object and pad".
+
 use mvt_frames::{Gel, Isometry, Object, World};
 use mvt_robot::digit::markers::GelShear;
 use mvt_robot::hand::{Hand, PerPad};

@@ -2,6 +2,8 @@
 //!
 //! Environments and runs share these maps, so that the same weights move the hand alike in both, to the bit.
 
+// Why: notes/decisions/simulation.md, "Environments and policies share the maps of observations and actions".
+
 use std::collections::VecDeque;
 
 use mvt_gaits::controller::Proprioception;

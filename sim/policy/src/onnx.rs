@@ -3,6 +3,8 @@
 //! The file is looked through before the runtime sees it: its operators must be among those of policies, its weights finite, its sizes small,
 //! and nothing may lie in other files or in nested graphs. The runtime is `rten`, on one thread: a policy is too small for more.
 
+// Why: notes/decisions/simulation.md, "Learnt policies are run by rten, behind a feature".
+
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, LazyLock};
 
@@ -108,6 +110,7 @@ mod field {
 const FLOAT: u64 = 1;
 const DOUBLE: u64 = 11;
 
+// Why: notes/decisions/simulation.md, "An ONNX file is looked through before the runtime gets it".
 /// What is looked up before the runtime gets the file.
 #[derive(Debug, Default)]
 struct Survey {

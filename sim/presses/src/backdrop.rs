@@ -1,6 +1,8 @@
 //! Backgrounds of training images: many more kinds than synthetic sensors have, so that a real one is no surprise to
 //! the network.
 
+// Why: notes/decisions/touch.md, "Training backgrounds are never real".
+
 use std::f32::consts::TAU;
 
 use image::RgbImage;

@@ -24,6 +24,7 @@ use crate::sensors::PressSensor;
 const PROTOCOL_PRESS_MM: [f64; 2] = [0.5, 1.0];
 /// Greatest tilt of MidasTouch's protocol (its "shear"), degrees.
 const PROTOCOL_SHEAR_DEG: f64 = 5.0;
+// Why: notes/decisions/touch.md, "Contact is MidasTouch's: indentation over 0.2 times the depth of the press".
 /// Share of the press depth above which MidasTouch counts indentation as contact.
 const CONTACT_SHARE: f64 = 0.2;
 /// Greatest excess of any other part of the object over the press depth, as a share of it.
@@ -37,6 +38,7 @@ const LEAST_REAL_AREA: f64 = 0.004;
 const OTHER_DAY: f64 = 0.2;
 /// Share of images of such sensors that went through a JPEG file or a video.
 const COMPRESSED: f64 = 0.3;
+// Why: notes/decisions/touch.md, "Impossible presses are drawn again".
 /// Contacts that are drawn before one is used without these checks.
 const TRIES: usize = 8;
 /// Greatest indentation in the ground truth, millimetres: the gel is not much thicker.

@@ -1,5 +1,7 @@
 //! Seeds of the starts of trials: those of the search, and those of the scores, which never meet.
 
+// Why: notes/decisions/simulation.md, "Seeds of tuning and of scores are two files".
+
 use serde::Deserialize;
 
 /// Range of seeds.

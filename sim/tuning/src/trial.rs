@@ -63,6 +63,7 @@ pub fn run(
     seed: u64,
     conditions: &TrialConditions,
 ) -> Result<TrialResult, SimulationError> {
+    // Why: notes/decisions/simulation.md, "Tuning counts the net angle".
     run_watched(gait, object, seed, conditions, |_| ())
 }
 

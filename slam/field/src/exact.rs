@@ -14,6 +14,7 @@ const MARGIN_M: f32 = 0.015;
 /// Cells along a block's edge. Blocks far from the surface are interpolated from their corners: there, distance is smooth.
 const BLOCK: usize = 5;
 
+// Why: notes/decisions/estimation.md, "A given shape is a grid of exact distances, with the gradient of the interpolation".
 /// Distances to a shape, exact at the nodes of a grid and trilinear between them.
 ///
 /// The gradient is that of the interpolated function, not the shape's normal: only so does it belong to the values.

@@ -42,6 +42,7 @@ pub enum FieldError {
     File(#[from] FileError),
 }
 
+// Why: notes/decisions/settings.md, "Dense field, not TSDF and not hashed".
 /// The signed distance to a surface, learnt: negative inside, in units of the truncation, interpolated and passed through a network.
 ///
 /// As a [`Shape`]: points outside of the cube have the value of the nearest point in it, and no gradient along the axes on which

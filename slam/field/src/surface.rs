@@ -5,6 +5,8 @@
 //! onto the surface along the gradient. The lattice is worked through from below, two layers of cells at a time, and evaluated
 //! only near the surface, so that memory grows with the area of a layer and time with the area of the surface.
 
+// Why: notes/decisions/estimation.md, "Dual marching cubes with Newton steps".
+
 use glam::Vec3;
 use mvt_mesh::Mesh;
 

@@ -47,6 +47,7 @@ pub use sample::{sample_surface, sample_surface_even};
 pub use sequence::{SequenceJudge, SequenceScore, TrackedFrame};
 pub use surface::{AddS, FScore, ShapeScore, TrueSurface};
 
+// Why: notes/decisions/settings.md, "Metrics".
 /// Number of points that represent a surface in NeuralFeels. On an object of 600 cm^2 they are 2.5 mm apart, so that a perfect shape
 /// misses a tenth of them at 2 mm and half of them at 1 mm: see [`FINE_POINTS`].
 pub const POINTS: usize = 10_000;

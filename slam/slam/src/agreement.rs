@@ -7,6 +7,7 @@ const FOLLOW_S: f64 = 0.316;
 /// A frame after a pause counts no more than one after this time, seconds.
 const LONGEST_S: f64 = 0.1;
 
+// Why: notes/decisions/estimation.md, "After a surprise the map stays as it is".
 /// Follows the confidence. A map that learns at a wrong pose confirms that pose, so that frames after a surprise are not learnt before one
 /// agrees as usual again.
 #[derive(Debug, Clone)]

@@ -8,6 +8,7 @@ use crate::tracker::TrackerConfig;
 use mvt_field::field::FieldConfig;
 
 settings! {
+    // Why: notes/decisions/settings.md, "Settings of the tracker and the map".
     /// Settings of the estimator.
     #[non_exhaustive]
     pub struct SlamConfig {

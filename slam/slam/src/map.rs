@@ -208,6 +208,7 @@ impl Map {
     /// From the frame that the first pose fixed to the frame of the field. They part as the first keyframe is refined: the
     /// whole run determines its pose better than the first frame.
     pub fn field_from_model(&self) -> Isometry<Model, Field> {
+        // Why: notes/decisions/estimation.md, "Poses refer to the first keyframe as refined".
         match (self.keyframes.first(), self.first_pose) {
             (Some(first), Some(pose)) => first.pose().inverse() * pose,
             _ => Isometry::identity(),

@@ -277,6 +277,7 @@ impl Scan {
 }
 
 fn camera_view(index: usize, image: &CameraDepth, config: &ScanConfig, rng: &mut ChaCha8Rng) -> View {
+    // Why: notes/decisions/estimation.md, "Outline points and rays beside the outline".
     let lens = Lens::new(&image.intrinsics, image.world_from_camera, config.camera_shift_px);
     let (height, width) = image.depth_m.dim();
     let mut object = Vec::new();

@@ -183,6 +183,7 @@ impl Space {
     /// The cells near which no surface was seen, through which no ray passed, and which lie within the hull of the seen surface, with a guess
     /// about each: the inside, unless the object is hollow. Nothing is assumed of cells that continue a cavity of an object that may be solid.
     pub fn unseen(&self) -> Vec<Unseen> {
+        // Why: notes/decisions/estimation.md, "Unseen space is taught".
         let depths_m = self.depths_m();
         let seen_cavity = self.seen_cavity(&depths_m);
         let is_hollow = seen_cavity.len() >= LEAST_CAVITY;
@@ -294,6 +295,7 @@ impl Space {
     /// Middle of the ball that fits best to the seen surface, metres; `None` if no ball fits. Unlike the middle of
     /// [`Space::bounds`] it does not move when the far side of a round object comes into view.
     pub fn ball_middle(&self) -> Option<Vec3> {
+        // Why: notes/decisions/simulation.md, "The middle of an unknown object in the air is that of the ball that fits its seen surface".
         // Least squares of |x|^2 = 2 c x + k over the cells, with coordinates relative to a point among them.
         let origin = self.bounds().map(|[low, high]| 0.5 * (low + high))?;
         let (mut normal, mut right) = (Matrix4::<f64>::zeros(), Vector4::<f64>::zeros());

@@ -24,8 +24,7 @@ use colour::{Pair, Tie};
 use contact::{PressedPad, pressed_pad};
 use icp::{Matching, Posed};
 use mvt_field::shape::Shape;
-use mvt_frames::se3;
-use mvt_frames::se3::Twist;
+use mvt_frames::se3::{self, Twist};
 use mvt_graph::system::{Block, Loss, System, velocity};
 use photometric::Comparison;
 use query::{ask, ask_measured, ask_values, in_model, surface};
@@ -73,6 +72,7 @@ settings! {
         pub contact_weight: f64 = 1.0, 0.0..=1e6;
         /// Weight of the factor: the hand lies outside the object.
         pub penetration_weight: f64 = 1.0, 0.0..=1e6;
+        // Why: notes/decisions/estimation.md, "Residuals are weighted by the sensor's noise, not by their number".
         /// Points of a camera image with independent errors: neighbours share noise, and all points share the calibration.
         pub camera_independent: f64 = 200.0, 1e-3..=1e6;
         /// Places in a colour image with independent errors.
@@ -87,6 +87,7 @@ settings! {
         pub texel_independent: f64 = 60.0, 1e-3..=1e6;
         /// How far an object may move between two frames so that they are laid on each other first, metres. 0 trusts the motion so far.
         pub align_reach_m: f64 = 0.0, 0.0..=1.0;
+        // Why: notes/decisions/estimation.md, "The prediction keeps 0.6 of the last motion".
         /// Time over which an object's velocity falls to 1/e, seconds. An object in a hand soon comes to rest.
         pub velocity_memory_s: f64 = 0.06525, 1e-4..=1e6;
         /// Velocity that an object may have, one standard deviation, metres per second.

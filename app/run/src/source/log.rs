@@ -331,6 +331,7 @@ impl LogSource {
         let truths = frame.touch_truth.iter().zip(self.hand.gel_views().iter());
         let presses = truths.map(|(truth, gel)| true_press(truth.as_ref()?, gel)).collect();
         let presses = (!self.perception.reads_touch_images()).then_some(presses);
+        // Why: notes/decisions/calibration.md, "A log's joints are interpolated to the time of the images, with the next reading".
         let after = number as usize + 1;
         let log = self.frames.log();
         if log.live().is_none()

@@ -107,6 +107,7 @@ impl TouchArguments {
 enum WeightsOrigin<'a> {
     /// A file of the user's.
     File(&'a Path),
+    // Why: notes/decisions/touch.md, "Runs read touch images at half the size".
     /// The shipped ones for images of half the size, for TACTO's DIGITs.
     Half,
     /// The shipped ones for sensors that look like real DIGITs.

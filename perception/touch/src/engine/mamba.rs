@@ -1,6 +1,8 @@
 //! Mamba layer. Its causal convolution and its scan visit tokens in any order and read each token in place, so that all orders cost the
 //! same.
 
+// Why: notes/decisions/touch.md, "Tokens are not moved".
+
 use pulp::{Simd, WithSimd};
 
 use super::layers::{Linear, Matrix};

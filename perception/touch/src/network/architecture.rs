@@ -145,6 +145,7 @@ impl Default for RobustMamba {
     }
 }
 
+// Why: notes/decisions/touch.md, "`swin` and `convnext` are Swin-T and ConvNeXt-T".
 /// Hyper-parameters of `swin`. The preset is Swin-T, whose encoder costs as much as that of ViT-S/16 at 224 x 224.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]

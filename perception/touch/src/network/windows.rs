@@ -1,5 +1,6 @@
 //! Places of tokens in windows and squares.
 
+// Why: notes/decisions/touch.md, "Windows are lists of tokens".
 /// Windows of a block of `swin` over the tokens of a map. The map is padded below and to the right to whole windows, then shifted cyclically
 /// up and to the left.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -13,6 +13,7 @@ settings! {
         pub housing_size_m: [f64; 3] = [0.0195, 0.023, 0.031], 1e-4..=0.2;
         /// Middle of the gel, metres.
         pub gel_centre_m: [f64; 3] = [0.013_232, 0.0, -0.001_045], -0.2..=0.2;
+        // Why: notes/decisions/simulation.md, "The physical gel is an ellipsoid inside TACTO's gel".
         /// Size of the gel, metres. That of a DIGIT is more domed than TACTO's gel, so that a touch has one contact point.
         pub gel_size_m: [f64; 3] = [0.018, 0.0256, 0.033], 1e-4..=0.2;
         /// Whether the gel is an ellipsoid; else it is a box.

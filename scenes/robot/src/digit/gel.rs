@@ -13,6 +13,7 @@ pub const APEX_M: f64 = 0.022;
 /// Radius of the sphere whose cap, stretched along x, is the pad, metres (TACTO's `R`).
 pub const CAP_RADIUS_M: f64 = 0.1;
 
+// Why: notes/decisions/touch.md, "A gel is a stretched cap before a camera".
 /// Surface of an undeformed gel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GelSurface {

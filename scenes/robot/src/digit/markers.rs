@@ -78,6 +78,7 @@ pub const DILATION_DECAY: f64 = 0.001_25 * FOTS_PX_PER_MM * FOTS_PX_PER_MM;
 /// Largest twist that FOTS applies, radians: 50 degrees.
 const MOST_TWIST_RAD: f64 = 50.0 * std::f64::consts::PI / 180.0;
 
+// Why: notes/decisions/touch.md, "Dots move by FOTS's formula, with a limit for dilation".
 /// Greatest dilation, millimetres. The presses that FOTS measured reach less; its sum over a wide and deep contact would throw dots across
 /// their neighbours.
 const MOST_DILATION_MM: f64 = 0.4;

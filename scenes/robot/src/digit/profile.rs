@@ -42,6 +42,7 @@ settings! {
     }
 }
 
+// Why: notes/decisions/touch.md, "A profile describes a sensor wholly, and each pad of a hand has one".
 /// A touch sensor: its camera's view of the gel, the softness and look of the gel, and its body. A key that a file lacks has the value of
 /// TACTO's DIGIT, which is the default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -5,6 +5,8 @@
 //! length. So no clipping is needed. Edge functions of the two triangles at an edge are exactly opposite: a closed mesh
 //! has no gaps.
 
+// Why: notes/decisions/simulation.md, "Touch images are rasterised, camera images ray-cast".
+
 use std::ops::Range;
 
 use glam::{Mat3A, Vec3A, Vec4};

@@ -12,6 +12,7 @@ settings! {
         pub half_extent_m: f32 = 0.075, 0.005..=10.0;
         /// Distance at which the field saturates, metres. The field's output is in units of it.
         pub truncation_m: f32 = 0.004, 1e-4..=10.0;
+        // Why: notes/decisions/estimation.md, "A small dense grid, not a large hashed one".
         /// Vertices per axis of each level of the grid, coarse to fine.
         pub levels: Vec<u32> = vec![8, 20, 48], List { length: 1..=8, each: 2..=1024 };
         /// A level with more than 2^table_log2 vertices is hashed into a table of that size.

@@ -1,5 +1,7 @@
 //! The box of the field follows the object: a larger field learns from the keyframes when the object reaches out of the old one.
 
+// Why: notes/decisions/estimation.md, "The box grows, at most to 25 cm, and learns its keyframes anew".
+
 use std::sync::Arc;
 
 use mvt_field::field::{FieldConfig, FieldTrainer, NeuralField};

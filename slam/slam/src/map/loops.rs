@@ -18,6 +18,7 @@ const MATCHING: Matching = Matching { points: 600, independent: 150.0, reach_m: 
 const STEPS: usize = 8;
 /// A loop is believed if so many of its points find a match.
 const MATCHED: f64 = 0.7;
+// Why: notes/decisions/estimation.md, "Loops are closed only for disagreements above 3 mm or 3.4 degrees".
 /// Disagreement from which a loop is worth closing, metres and radians: several times what
 /// alignment of two noisy scans errs by. Less is left to refinement against the field, which averages over many scans.
 const WORTH: [f64; 2] = [0.003, 0.06];

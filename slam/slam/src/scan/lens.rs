@@ -22,13 +22,14 @@ pub(crate) struct Lens {
 }
 
 impl Lens {
+    /// A camera whose images are displaced by `shift_px` columns and rows.
     pub fn new(intrinsics: &Intrinsics, world_from_camera: Isometry<Camera, World>, shift_px: [f32; 2]) -> Self {
         let (rotation, origin) = world_from_camera.to_f32();
         Self {
             rotation,
             origin: origin.into(),
             focal_px: (0.5 * (intrinsics.fx + intrinsics.fy)) as f32,
-            centre: [intrinsics.cx as f32 - shift_px[0], intrinsics.cy as f32 - shift_px[1]],
+            centre: [intrinsics.cx as f32 + shift_px[0], intrinsics.cy as f32 + shift_px[1]],
             focal: [intrinsics.fx as f32, intrinsics.fy as f32],
         }
     }

@@ -47,6 +47,23 @@ fn hits_lie_on_the_ball_and_normals_point_out_of_it() {
 }
 
 #[test]
+fn displaced_depth_is_put_back() {
+    let mut displaced = seen(0, BALL, pose([0.0; 3], [0.0; 3]));
+    let image = displaced.cameras[0].as_mut().unwrap();
+    let (depth_m, labels) = (image.depth_m.clone(), image.labels.clone());
+    for ((v, u), z) in depth_m.indexed_iter().filter(|((v, u), _)| v + 2 < depth_m.nrows() && u + 3 < depth_m.ncols()) {
+        (image.depth_m[(v + 2, u + 3)], image.labels[(v + 2, u + 3)]) = (*z, labels[(v, u)]);
+    }
+    let config = ScanConfig { camera_shift_px: [3.0, 2.0], ..ScanConfig::default() };
+    let scan = Scan::new(0, &displaced.measured(), &config, 1);
+    assert!(scan.hits() > 2000, "{} hits", scan.hits());
+    for hit in &scan.views[0].hits {
+        let off_m = BALL.distance(in_solid(scan.views[0].point(hit)));
+        assert!(off_m.abs() < 1e-5, "{off_m} m off the surface");
+    }
+}
+
+#[test]
 fn faces_of_a_block_have_their_normals_to_a_tenth_of_a_degree() {
     let truth = pose([0.0; 3], [20.0, 10.0, 35.0]);
     let scan = scan_of(&seen(0, BRICK, truth));

@@ -5,6 +5,8 @@
 //! 20 years on", 2004). Light does not turn with the object: contrast, brightness and its even slope across a square are free, and what
 //! they could explain counts for nothing. The distance of the place that was found from where a pose puts it is a residual in pixels.
 
+// Why: notes/decisions/estimation.md, "Colours are compared at places, against the frame before and two earlier views".
+
 use glam::{Mat2, Vec2, Vec3};
 use nalgebra as na;
 
@@ -34,6 +36,7 @@ const LEAST_CORRELATION: f32 = 0.85;
 const GREY_SIGMA: f32 = 4.0;
 /// Places must agree with a common motion to so many standard deviations, or they are wrong.
 const AGREES_SIGMAS: f64 = 4.0;
+// Why: notes/decisions/estimation.md, "Colours move a pose only if most places agree on a motion, and depth does not speak against it".
 /// Of the places that were found, this part must agree, and at least so many: else none is believed.
 const LEAST_AGREEING: (f64, usize) = (0.5, 10);
 /// Prior of the motion before colours are compared, one standard deviation, metres and radians: keeps directions that they do

@@ -67,6 +67,7 @@ const CHANGE_PX: f64 = 200.0;
 
 /// How much a pressed area changed, from 0 to 1: one that stays the same sticks, one that grows, shrinks or is small slips.
 fn change(before_px: usize, after_px: usize) -> f64 {
+    // Why: notes/decisions/estimation.md, "A pad whose pressed area is constant does not slip".
     (before_px.abs_diff(after_px) as f64 + CHANGE_PX) / ((before_px + after_px) as f64 + CHANGE_PX)
 }
 

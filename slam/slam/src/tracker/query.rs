@@ -44,6 +44,7 @@ pub(super) fn ask_measured(
 
 /// Also trusts points where no surface can be.
 pub(super) fn trust_empty(shape: &dyn Reference, points: &[Vec3], trusted: &mut [bool]) {
+    // Why: notes/decisions/estimation.md, "A measured point in space that was seen empty counts against a pose, and one in unseen space costs as much as 2 mm".
     let mut empty = vec![false; points.len()];
     shape.seen_empty(points, &mut empty);
     trusted.iter_mut().zip(empty).for_each(|(trusted, empty)| *trusted |= empty);

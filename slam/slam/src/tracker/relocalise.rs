@@ -74,6 +74,7 @@ pub(crate) struct Reach {
 }
 
 impl Reach {
+    // Why: notes/decisions/estimation.md, "Poses around a jerk are tried".
     /// Of an object that topples: it turns by 40 degrees between frames.
     pub const JERK: Self = Self { candidates: 200, turn_rad: 0.7, shift_m: 0.008, sigma: [0.005, 0.2] };
     /// Of an object that was lost a few frames ago.
