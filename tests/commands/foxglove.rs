@@ -182,9 +182,9 @@ fn memory_does_not_grow_with_a_client_that_does_not_read() {
             while client.next().unwrap().0 != "/estimate/scores" {}
         }
     };
-    play(2);
-    let before = resident(view.id());
     play(3);
+    let before = resident(view.id());
+    play(4);
     let after = resident(view.id());
     assert!(after < before + (bytes as u64), "{before} bytes became {after}; a play has {bytes}");
     assert_eq!(interrupt(view), Some(0));

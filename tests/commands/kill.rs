@@ -54,15 +54,18 @@ fn check_visible_logs(workplace: &Workplace) -> usize {
 #[test]
 fn a_killed_run_is_resumed() {
     let workplace = Workplace::new();
-    let line = |out: &str| format!("generate --object cube70 --logs 4 --duration 0.3 --out {out}");
+    let line = |out: &str| format!("generate --object cube70 --logs 6 --duration 0.3 --out {out}");
     let mut kills = 0;
     // A log has about 140 entries. The numbers are arbitrary.
     for moment in [
         Moment::Entries(1),
+        Moment::Entries(17),
         Moment::Entries(143),
         Moment::Exists("set/cube70/00"),
         Moment::Exists("set/cube70/.01.partial/data.pkl"),
         Moment::Entries(71),
+        Moment::Entries(209),
+        Moment::Exists("set/cube70/01"),
         Moment::Exists("set/cube70/.02.partial/scene.json"),
         Moment::Entries(33),
     ] {
@@ -72,7 +75,7 @@ fn a_killed_run_is_resumed() {
     // A busy machine may let a run finish before its moment is seen, but not at the first moment.
     assert!(kills >= 2, "only {kills} runs were killed before they were done");
     workplace.run(&line("set")).good();
-    assert_eq!(check_visible_logs(&workplace), 4);
+    assert_eq!(check_visible_logs(&workplace), 6);
     workplace.run(&line("undisturbed")).good();
     assert_same(&workplace.files("undisturbed"), &workplace.files("set"));
 }

@@ -544,7 +544,7 @@ fn damaged_recordings_never_panic_when_they_are_painted() {
     let names = ["about.json", "frames.jsonl", "images.bin", "shapes.jsonl", "shapes.bin", "events.jsonl", "end.json"];
     let files = names.map(|name| (inner.join(name), fs::read(inner.join(name)).unwrap()));
     let damage = (0..names.len(), any::<prop::sample::Index>(), any::<u8>(), 0..4usize);
-    let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig::with_cases(40));
+    let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig::with_cases(100));
     runner
         .run(&damage, |(file, at, byte, how)| {
             let (path, bytes) = &files[file];
