@@ -37,12 +37,9 @@ impl Map {
                         -truncation - uniform(rng) * (config.free_reach_m.min(hit.range_m) - truncation).max(0.0)
                     };
                     let position = keyframe.to_field(view.origin + hit.direction * (hit.range_m + behind));
-                    // Why: notes/decisions/estimation.md, "Farther in front of a surface than behind it, samples are bounds".
-                    let beyond = -behind - config.behind_m;
-                    let distance = if beyond > 0.0 { beyond } else { -behind };
-                    let target = (distance * hit.cosine / truncation).clamp(-1.0, 1.0);
+                    let target = (-behind * hit.cosine / truncation).clamp(-1.0, 1.0);
                     let weight = if kind < bounds[0] { 1.0 } else { config.free_weight };
-                    Sample { position, target, weight, at_least: beyond > 0.0 && target < 1.0 }
+                    Sample { position, target, weight, at_least: false }
                 })
             } else if kind < bounds[2] {
                 passed_ray(keyframe, half, rng).map(|position| Sample {
