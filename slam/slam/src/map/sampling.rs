@@ -9,6 +9,9 @@ use crate::scan::{Hit, View};
 use crate::space::{Assumed, clip};
 use mvt_field::field::Sample;
 
+/// A bound in front of a measured surface leaves so much room for noise of its depth, in parts of `behind_m`.
+const ROOM: f32 = 0.5;
+
 impl Map {
     /// Draws a batch of samples.
     pub(super) fn draw(&mut self, current: &Keyframe, rng: &mut ChaCha8Rng) {
@@ -37,9 +40,12 @@ impl Map {
                         -truncation - uniform(rng) * (config.free_reach_m.min(hit.range_m) - truncation).max(0.0)
                     };
                     let position = keyframe.to_field(view.origin + hit.direction * (hit.range_m + behind));
-                    let target = (-behind * hit.cosine / truncation).clamp(-1.0, 1.0);
+                    // Why: notes/decisions/estimation.md, "Farther in front of a surface than behind it, samples are bounds".
+                    let is_bound = -behind > config.behind_m;
+                    let distance = -behind - if is_bound { ROOM * config.behind_m } else { 0.0 };
+                    let target = (distance * hit.cosine / truncation).clamp(-1.0, 1.0);
                     let weight = if kind < bounds[0] { 1.0 } else { config.free_weight };
-                    Sample { position, target, weight, at_least: false }
+                    Sample { position, target, weight, at_least: is_bound && target < 1.0 }
                 })
             } else if kind < bounds[2] {
                 passed_ray(keyframe, half, rng).map(|position| Sample {

@@ -1,11 +1,11 @@
 mod disk;
 
-use rand::SeedableRng as _;
+use rand::{RngExt as _, SeedableRng as _};
 
 use super::*;
 use crate::scan;
-use crate::synthetic::{BRICK, Solid, pose, seen};
-use crate::tracker::{apply, to_na};
+use crate::synthetic::{BRICK, Solid, camera, pose, seen};
+use crate::tracker::{apply, to_na, to_vec};
 use mvt_frames::se3;
 
 /// Time between frames, seconds.
@@ -197,6 +197,33 @@ fn what_is_taught_agrees_with_the_solid() {
         }
     }
     assert!(on > 500 && free > 500 && inside > 100, "{on} {free} {inside}");
+}
+
+#[test]
+fn noise_of_depth_does_not_move_the_surface() {
+    /// Standard deviation, metres.
+    const NOISE_M: f32 = 0.002;
+    let solid = Solid::Ball(0.03);
+    let config = MapConfig { batch: 1024, first_steps: 150, steps_per_s: 900.0, refined_per_s: 0.0, ..quick().0 };
+    let mut map = map(&config);
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    for k in 0..12 {
+        let at = turned(10.0)(k);
+        let mut sensed = seen(k, solid, at);
+        for depth_m in sensed.cameras.iter_mut().flatten().flat_map(|camera| &mut camera.depth_m) {
+            let noise: f32 = (0..3).map(|_| rng.random_range(-1.0..1.0)).sum();
+            *depth_m += if *depth_m > 0.0 { NOISE_M * noise } else { 0.0 };
+        }
+        map.learn(&Arc::new(Scan::new(k, &sensed.measured(), &few(), 1)), at, INTERVAL_S, &mut rng);
+    }
+    // Beside the outline rays that passed move the surface, too.
+    let to_camera = (turned(60.0)(1).inverse() * camera().1.origin()).coords().normalize();
+    let faces_camera = |p: &na::Vector3<f64>| p.normalize().dot(&to_camera) > 0.7;
+    let surface: Vec<_> = solid.surface(2000).into_iter().filter(faces_camera).map(to_vec).collect();
+    let mut distances_m = vec![0.0; surface.len()];
+    map.distances(&surface, &mut distances_m);
+    let inwards_m = distances_m.iter().sum::<f32>() / surface.len() as f32;
+    assert!(inwards_m.abs() < 0.1e-3, "{inwards_m} m");
 }
 
 #[test]
