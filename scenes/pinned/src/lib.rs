@@ -13,7 +13,7 @@
 
 use std::fmt::Write as _;
 use std::fs::{self, File};
-use std::io::Read;
+use std::io::{IsTerminal as _, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -41,7 +41,7 @@ pub struct Archive {
 /// Visibility of pip's progress on standard error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DownloadProgress {
-    /// pip's own progress bar.
+    /// pip's own progress bar, if standard error is a terminal.
     Shown,
     /// No output.
     Hidden,
@@ -216,8 +216,8 @@ impl Archive {
             .stderr(Stdio::piped());
         match progress {
             // pip draws its bar on standard output, where the caller's results go.
-            DownloadProgress::Shown => command.stdout(std::io::stderr()),
-            DownloadProgress::Hidden => command.arg("--quiet").stdout(Stdio::null()),
+            DownloadProgress::Shown if std::io::stderr().is_terminal() => command.stdout(std::io::stderr()),
+            DownloadProgress::Shown | DownloadProgress::Hidden => command.arg("--quiet").stdout(Stdio::null()),
         };
         let output = command.output().map_err(|_| no_pip())?;
         let file = staging.join(self.file);
