@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Compares our SLAM with Open3D's ICP and TSDF integration on the same ten logs, with unknown and with known shapes.
 
-    compare.py OUT [--duration S]          writes OUT/results.jsonl, OUT/summary.json and OUT/open3d/*.ply
+    compare.py OUT [--duration S]          writes OUT/results.jsonl, OUT/summary.json and OUT/open3d/*.ply; `first_second_mm` is ADD-S after a second
     compare.py OUT --tune [--duration S]   chooses the settings of Open3D on the three logs of the suite `tuning`; OUT/tuning.jsonl, OUT/settings.json
 
 The chosen settings stand in settings.json beside this program. All start alike: the first pose ties the model to the object for unknown
@@ -100,24 +100,27 @@ def tune(name, begin, duration_s, out):
 
 
 def summary(lines):
-    """Returns means with standard errors, and the differences of ours to each of theirs with those of paired logs."""
+    """Returns means with standard errors, and the differences of ours to theirs with those of paired logs. Of unknown shapes, theirs is the variant
+    with the lower ADD-S of each log, `open3d-best`."""
+
+    def add_s_mm(line):
+        return line["add_s_mm"]["mean"]
 
     def values(name, score):
-        of = {line["object"]: line for line in lines if line["variant"] == name}
-        read = {"f5": lambda line: line.get("f_score", {}).get(5, 0.0), "add_s_mm": lambda line: line["add_s_mm"]["mean"]}[score]
-        return np.array([read(of[log.object]) for log in logs()])
+        wanted = ["open3d-plane", "open3d-colour"] if name == "open3d-best" else [name]
+        of = {log.object: [line for line in lines if line["object"] == log.object and line["variant"] in wanted] for log in logs()}
+        read = add_s_mm if score == "add_s_mm" else lambda line: line.get("f_score", {}).get(int(score[1:]), 0.0)
+        return np.array([read(min(of[log.object], key=add_s_mm)) for log in logs()])
 
     def shown(numbers):
         return {"mean": float(numbers.mean()), "standard_error": float(numbers.std(ddof=1) / np.sqrt(len(numbers)))}
 
-    names = list(dict.fromkeys(line["variant"] for line in lines))
     result = {"logs": len(logs()), "means": {}, "differences": {}}
-    for name in names:
-        scores = ["add_s_mm"] if "known" in name else ["f5", "add_s_mm"]
+    for name in dict.fromkeys(line["variant"] for line in lines):
+        scores, other = (["add_s_mm"], "open3d-known") if "known" in name else (["f2", "f5", "add_s_mm"], "open3d-best")
         result["means"][name] = {score: shown(values(name, score)) for score in scores}
-        for other in names:
-            if name.startswith("ours") and other.startswith("open3d") and ("known" in name) == ("known" in other):
-                result["differences"][f"{name} - {other}"] = {s: shown(values(name, s) - values(other, s)) for s in scores}
+        if name.startswith("ours"):
+            result["differences"][name] = {s: shown(values(name, s) - values(other, s)) for s in scores}
     return result
 
 
@@ -144,8 +147,8 @@ def main():
             folder = out / "logs" / str(log)
             found = []
             for name, touch in OURS.items():
-                suite = benchmark.Suite((log,), duration_s, touch)
-                found.append(benchmark.run(name, benchmark.OurSlam, suite, folder)[0].line())
+                whole, begin = (benchmark.run(name, benchmark.OurSlam, benchmark.Suite((log,), s, touch), folder)[0] for s in (duration_s, 1.0))
+                found.append({**whole.line(), "first_second_mm": begin.add_s_mm["final"]})
             for name in VARIANTS:
                 keep = out / "open3d" / f"{name} {log.object}.ply"
                 found.append(outside(name, Settings(**settings[name]), log, duration_s, out, keep).line())
@@ -156,9 +159,9 @@ def main():
                 print(f"{log}: {line['variant']}: ADD-S {line['add_s_mm']['mean']:.2f} mm" + (f", F@5 {f5:.3f}" if f5 else ""), flush=True)
             file.flush()
             lines += found
-    whole = summary(lines)
-    (out / "summary.json").write_text(json.dumps(whole, indent=2) + "\n")
-    print(json.dumps(whole))
+    result = summary(lines)
+    (out / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
+    print(json.dumps(result))
 
 
 if __name__ == "__main__":
