@@ -7,7 +7,7 @@ DIR (default: ../shared) has `real_digit` (a ball of 6.0 mm on DIGITs) and `real
 receives a line per case:
 
 - digit: each set with its own untouched image; `dd` with the untouched image of `tx1` (other-day); `dd` read with a profile that was
-  calibrated on `tx1` (calibrated).
+  calibrated on `tx1` (calibrated); processor time of reading `tx2` over that of reading the same images as TACTO's (cost).
 - gelsight: the ball beside the disc that its shading shows, without a calibration.
 - disturbed: images as another light, another camera or a broken LED would make them, beside the same images undisturbed. A reading
   is right if the depth in contact is within 10 % and the contact agrees to 0.8; it is told if its plausibility is below 0.5.
@@ -19,6 +19,7 @@ Needs numpy and Pillow.
 import argparse
 import csv
 import json
+import resource
 import shutil
 import subprocess
 import sys
@@ -264,6 +265,14 @@ def main():
             )
             calibrated = program.predict("calibrated", digit / "dd", digit / "dd/untouched.png", "--profile", profile)
             add(case="calibrated", **score_digit(digit / "dd", calibrated))
+
+            def cost(profile):
+                before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+                program.predict("cost", digit / "tx2", digit / "tx2/untouched.png", "--profile", profile)
+                return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+
+            turns = [(cost("digit"), cost("tacto")) for _ in range(3)]
+            add(case="cost", ratio=float(np.median([real / plain for real, plain in turns])))
     if "gelsight" in arguments.only:
         images = out / "gelsight_images"
         shutil.rmtree(images, ignore_errors=True)
