@@ -62,6 +62,13 @@ class Program:
         return folder if done else None
 
 
+def cost(program, data, profile):
+    """Returns the processor time of reading a set as images of a sensor, seconds."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    program.predict("cost", data, data / "untouched.png", "--profile", profile)
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+
+
 def plausibilities(folder):
     return {row["id"]: float(row["plausibility"]) for row in csv.DictReader((folder / "predictions.csv").open())}
 
@@ -265,14 +272,8 @@ def main():
             )
             calibrated = program.predict("calibrated", digit / "dd", digit / "dd/untouched.png", "--profile", profile)
             add(case="calibrated", **score_digit(digit / "dd", calibrated))
-
-            def cost(profile):
-                before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-                program.predict("cost", digit / "tx2", digit / "tx2/untouched.png", "--profile", profile)
-                return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
-
-            turns = [(cost("digit"), cost("tacto")) for _ in range(3)]
-            add(case="cost", ratio=float(np.median([real / plain for real, plain in turns])))
+            ratios = [cost(program, digit / "tx2", "digit") / cost(program, digit / "tx2", "tacto") for _ in range(3)]
+            add(case="cost", ratio=float(np.median(ratios)))
     if "gelsight" in arguments.only:
         images = out / "gelsight_images"
         shutil.rmtree(images, ignore_errors=True)

@@ -3,9 +3,9 @@
 #
 #   results/speed.sh OUT [REFERENCE [RUNS [SECONDS]]]
 #
-# Writes a line per run to OUT/speed.jsonl: seed, and frames per second of both, in the loop and on the log. Run k has seed k; the log is that of the
-# reference, which both commits can read. REFERENCE is e960bac by default; 5 runs of
-# 5 s. Both commits are cloned into OUT and built there. Changes that are not committed are not built.
+# Writes a line per run to OUT/speed.jsonl: seed, and frames per second of both, in the loop and on the log. Run k has seed k; the log is that of
+# the reference, which both commits can read. REFERENCE is e960bac by default; 5 runs of 5 s. Both commits are cloned into OUT and built there.
+# Changes that are not committed are not built.
 set -euo pipefail
 out=$(mkdir -p "${1:?usage: results/speed.sh OUT [REFERENCE [RUNS [SECONDS]]]}" && cd "$1" && pwd)
 reference=${2:-e960bac}
@@ -36,7 +36,7 @@ run() {
 
 rm -rf "$out/log"
 "$(program reference)" generate --object 077_rubiks_cube --logs 1 --duration "$seconds" --seed 0 --cameras front-left --out "$out/log" >"$out/log.txt"
-log=$(dirname "$(find "$out/log" -name scene.json -o -name data.json | head -n 1)")
+log=$out/log/077_rubiks_cube/00
 
 # The first run of each reads files that later runs find in memory.
 run reference 0 loop >"$out/first.txt"

@@ -67,6 +67,11 @@ def outside(name, settings, log, duration_s, out, keep=None):
     return result
 
 
+def ours(name, log, touch, duration_s, folder):
+    """Runs our SLAM on an episode."""
+    return benchmark.run(name, benchmark.OurSlam, benchmark.Suite((log,), duration_s, touch), folder)[0]
+
+
 def ours_known(name, log, modality, duration_s, out):
     """Runs our tracker with the true shape by the command, and returns a line of the table."""
     run = out / "known" / name / str(log)
@@ -107,7 +112,7 @@ def summary(lines):
         return line["add_s_mm"]["mean"]
 
     def values(name, score):
-        wanted = ["open3d-plane", "open3d-colour"] if name == "open3d-best" else [name]
+        wanted = [variant for variant, (kind, _) in VARIANTS.items() if kind is Slam] if name == "open3d-best" else [name]
         of = {log.object: [line for line in lines if line["object"] == log.object and line["variant"] in wanted] for log in logs()}
         read = add_s_mm if score == "add_s_mm" else lambda line: line.get("f_score", {}).get(int(score[1:]), 0.0)
         return np.array([read(min(of[log.object], key=add_s_mm)) for log in logs()])
@@ -147,8 +152,8 @@ def main():
             folder = out / "logs" / str(log)
             found = []
             for name, touch in OURS.items():
-                whole, begin = (benchmark.run(name, benchmark.OurSlam, benchmark.Suite((log,), s, touch), folder)[0] for s in (duration_s, 1.0))
-                found.append({**whole.line(), "first_second_mm": begin.add_s_mm["final"]})
+                result, first = (ours(name, log, touch, seconds, folder) for seconds in (duration_s, 1.0))
+                found.append({**result.line(), "first_second_mm": first.add_s_mm["final"]})
             for name in VARIANTS:
                 keep = out / "open3d" / f"{name} {log.object}.ply"
                 found.append(outside(name, Settings(**settings[name]), log, duration_s, out, keep).line())
@@ -159,9 +164,9 @@ def main():
                 print(f"{log}: {line['variant']}: ADD-S {line['add_s_mm']['mean']:.2f} mm" + (f", F@5 {f5:.3f}" if f5 else ""), flush=True)
             file.flush()
             lines += found
-    result = summary(lines)
-    (out / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
-    print(json.dumps(result))
+    whole = summary(lines)
+    (out / "summary.json").write_text(json.dumps(whole, indent=2) + "\n")
+    print(json.dumps(whole))
 
 
 if __name__ == "__main__":

@@ -211,6 +211,7 @@ fn noise_of_depth_does_not_move_the_surface() {
         let at = turned(10.0)(k);
         let mut sensed = seen(k, solid, at);
         for depth_m in sensed.cameras.iter_mut().flatten().flat_map(|camera| &mut camera.depth_m) {
+            // Of unit variance.
             let noise: f32 = (0..3).map(|_| rng.random_range(-1.0..1.0)).sum();
             *depth_m += if *depth_m > 0.0 { NOISE_M * noise } else { 0.0 };
         }
