@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use mvt_frames::camera::PosedCamera;
 use mvt_frames::{Camera, Isometry, Point, World};
-use mvt_robot::hand::solid::{HandSamples, HandSolid, Nearest};
+use mvt_robot::hand::solid::{HandSamples, HandSolid};
 use mvt_robot::hand::{Hand, JointAngles};
 use mvt_settings::settings;
 use nalgebra as na;
@@ -132,8 +132,6 @@ const FIRST_GATE_M: f64 = 0.008;
 const FIRST_EVERY_S: f64 = 1.0 / 15.0;
 /// Stamps are rounded: an interval is over when so small a part of it is left.
 const ROUNDING: f64 = 0.05;
-/// A body is covered if more than this part of the points within its gate lies in the outer half outside it: of noise it is a fortieth.
-const COVERED: f64 = 0.05;
 /// Steps of the solver per new instant: the state is near its optimum.
 const STEPS: usize = 3;
 const FIRST_STEPS: usize = 10;
@@ -432,9 +430,9 @@ impl Calibrator {
             let is_usable = self.watch[k].found && self.watch[k].doubts == 0;
             let depth_m = depths_m.get(k)?.as_ref().filter(|_| is_usable)?;
             let pose = self.state.cameras[k];
-            let near = |p: &na::Point3<f64>| hand.nearest(narrow(&(pose * p).coords), NEAR_M);
-            let all = sight(depth_m, &camera.intrinsics, usize::MAX, self.frame, |p| near(p).is_some());
-            Some(shared_out(&all, self.config.points, |sighted| near(&sighted.point)))
+            let body = |p: &na::Point3<f64>| Some(hand.nearest(narrow(&(pose * p).coords), NEAR_M)?.body);
+            let all = sight(depth_m, &camera.intrinsics, usize::MAX, self.frame, |p| body(p).is_some());
+            Some(shared_out(&all, self.config.points, |sighted| body(&sighted.point)))
         };
         self.given.iter().enumerate().map(|(k, camera)| points(k, camera).unwrap_or_default()).collect()
     }
@@ -468,38 +466,23 @@ fn is_near(grasp: Option<Point<World>>, point: &na::Point3<f64>) -> bool {
 }
 
 /// Chooses up to `count` points, as evenly among the bodies of the hand as they are seen: palm and links fill most of an image, and the
-/// last joints move the fingertips alone. `near` is the surface of the hand near a point.
-fn shared_out(points: &[Sighted], count: usize, near: impl Fn(&Sighted) -> Option<Nearest>) -> Vec<Sighted> {
-    let mut groups: Vec<Group> = Vec::new();
+/// last joints move the fingertips alone.
+fn shared_out(points: &[Sighted], count: usize, body: impl Fn(&Sighted) -> Option<usize>) -> Vec<Sighted> {
+    let mut groups: Vec<(usize, Vec<Sighted>)> = Vec::new();
     for sighted in points {
-        let Some(Nearest { body, distance_m, .. }) = near(sighted) else { continue };
-        let known = groups.iter().position(|group| group.body == body).unwrap_or_else(|| {
-            groups.push(Group { body, points: Vec::new(), within: 0, before: 0 });
-            groups.len() - 1
-        });
-        let group = &mut groups[known];
-        group.points.push(*sighted);
-        group.within += usize::from(f64::from(distance_m.abs()) < GATE_M);
-        group.before += usize::from((0.5 * GATE_M..GATE_M).contains(&f64::from(distance_m)));
+        let Some(body) = body(sighted) else { continue };
+        match groups.iter_mut().find(|(known, _)| *known == body) {
+            Some((_, group)) => group.push(*sighted),
+            None => groups.push((body, vec![*sighted])),
+        }
     }
     // The smallest first: the rest goes to the others.
-    groups.sort_by_key(|group| group.points.len());
+    groups.sort_by_key(|(_, group)| group.len());
     let (mut chosen, mut left) = (Vec::new(), groups.len());
-    for Group { points, within, before, .. } in groups {
-        let share = (count.saturating_sub(chosen.len()) / left).min(points.len());
-        let is_covered = before as f64 > COVERED * within as f64;
-        chosen.extend(spread(&points, share).into_iter().map(|sighted| Sighted { is_covered, ..sighted }));
+    for (_, group) in groups {
+        let share = (count.saturating_sub(chosen.len()) / left).min(group.len());
+        chosen.extend(spread(&group, share));
         left -= 1;
     }
     chosen
-}
-
-/// Points near a body of the hand.
-struct Group {
-    body: usize,
-    points: Vec<Sighted>,
-    /// Those within the gate of the solver.
-    within: usize,
-    /// Those of them that lie in the outer half of the gate outside the body.
-    before: usize,
 }

@@ -73,8 +73,6 @@ pub(crate) struct Sighted {
     pub point: na::Point3<f64>,
     /// Standard deviation, metres.
     pub sigma_m: f64,
-    /// Whether something else seems to lie before the body of the hand at this point.
-    pub is_covered: bool,
 }
 
 /// An instant that is used for calibration.
@@ -121,7 +119,7 @@ pub(crate) fn sight(
             let point = na::Point3::from(intrinsics.unproject(u as f64, v as f64, f64::from(z)).coords());
             if keeps(&point) {
                 let sigma_m = (SIGMA_PER_M2 * f64::from(z).powi(2)).hypot(SIGMA_M);
-                found.push(Sighted { point, sigma_m, is_covered: false });
+                found.push(Sighted { point, sigma_m });
             }
         }
     }

@@ -80,10 +80,6 @@ pub(crate) struct Prior {
     pub sigmas: na::DVector<f64>,
 }
 
-// Why: notes/decisions/calibration.md, "Points before a body that is covered are believed half as far".
-/// The gate outside a body that is covered, as a part of that inside it.
-const OUTSIDE_COVERED: f64 = 0.5;
-
 /// How points are weighed.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Weighing {
@@ -91,14 +87,6 @@ pub(crate) struct Weighing {
     pub gate_m: f64,
     /// Points of a camera in an instant whose errors are independent.
     pub independent: f64,
-}
-
-impl Weighing {
-    /// Cost and weight of a point so far outside the hand, metres; negative inside it.
-    fn loss(&self, distance_m: f64, is_covered: bool) -> (f64, f64) {
-        let part = if is_covered && distance_m > 0.0 { OUTSIDE_COVERED } else { 1.0 };
-        biweight(distance_m, part * self.gate_m)
-    }
 }
 
 /// Normal equations at a state.
@@ -171,11 +159,11 @@ fn linearise(hand: &Hand, state: &State, prior: &Prior, instants: &[&Instant], w
             for sighted in points {
                 let p = (state.cameras[camera] * sighted.point).coords;
                 let Some(nearest) = solid.nearest(narrow(&p), weighing.gate_m as f32) else {
-                    cost += share * weighing.loss(f64::INFINITY, sighted.is_covered).0 / sighted.sigma_m.powi(2);
+                    cost += share * biweight(2.0 * weighing.gate_m, weighing.gate_m).0 / sighted.sigma_m.powi(2);
                     continue;
                 };
                 let (r, normal) = (f64::from(nearest.distance_m), wide(nearest.normal));
-                let (loss, weight) = weighing.loss(r, sighted.is_covered);
+                let (loss, weight) = biweight(r, weighing.gate_m);
                 let scale = share / sighted.sigma_m.powi(2);
                 cost += scale * loss;
                 if weight == 0.0 {

@@ -151,22 +151,6 @@ fn a_large_object_is_not_taken_for_the_hand() {
 }
 
 #[test]
-fn a_wall_before_the_fingers_does_not_draw_them() {
-    let camera = camera();
-    let mut calibrator = Calibrator::new(CalibrationConfig::default(), hand(), vec![camera.clone()]);
-    for frame in 0..30 {
-        let time_s = f64::from(frame) * FRAME_S;
-        let solid = HandSolid::new(&hand(), &joints(time_s));
-        // A sleeve of 3 mm about the upper ends of the fingers.
-        let sleeve = |p: Vec3| (solid.distance(p) - 0.003).max(0.1 - p.z);
-        let depth_m = depth_with(&camera, &solid, sleeve);
-        calibrator.observe(time_s, &joints(time_s), None, &[Some(depth_m)]);
-    }
-    let [degrees, millimetres] = misplaced(&calibrator.calibration(), &camera);
-    assert!(degrees < 0.15 && millimetres < 0.7, "{degrees} degrees, {millimetres} mm");
-}
-
-#[test]
 fn what_nothing_measures_keeps_its_prior() {
     let camera = camera();
     let config = CalibrationConfig::default();
