@@ -13,9 +13,11 @@ from pathlib import Path
 
 import program
 
+# Sides of a ring.
 ROUND = 48
-# Radius and height above the middle of the rings of each solid, millimetres.
+# From pole to pole, radians.
 ARCS = [math.pi * k / 24 for k in range(1, 24)]
+# Radius and height above the middle of the rings of each solid, millimetres.
 SOLIDS = {
     "ball": [(33 * math.sin(arc), -33 * math.cos(arc)) for arc in ARCS],
     "egg": [((27 + 5 * math.cos(arc)) * math.sin(arc), -42 * math.cos(arc)) for arc in ARCS],
